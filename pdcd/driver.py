@@ -17,6 +17,7 @@ Roles, each a Protocol that a class of yours answers (an entry point names it)
 
 What crosses them
     `DriverContext`      what `create` gets: configuration, clock, sign of life, the one camera
+    `Patience`           one deadline and one cancel for every loop that waits for a device
     `Clock`              the only source of time; `RealClock` is the machine's
     `DisplayInfo`        the two panels as found
     `CameraInfo`         what the camera is, and how it answers to light
@@ -89,6 +90,7 @@ if TYPE_CHECKING:
         TimedShutter,
         fault,
     )
+    from pdcd.bench.patience import Patience
     from pdcd.bench.placed import panels_of
     from pdcd.bench.reading import read_options
     from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
@@ -140,6 +142,7 @@ __all__ = [
     "FrameLog",
     "Frames",
     "NoSpaceError",
+    "Patience",
     "PdcdError",
     "PhotoFrame",
     "Preview",
@@ -193,6 +196,7 @@ _ROOMS = {
         "fault",
     ),
     "pdcd.bench.reading": ("read_options",),
+    "pdcd.bench.patience": ("Patience",),
     "pdcd.bench.placed": ("panels_of",),
     "pdcd.bench.tables": ("CameraConfig", "Config", "TriggerConfig"),
     "pdcd.errors": (

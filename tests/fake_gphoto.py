@@ -50,6 +50,9 @@ class FakeCamera:
     broken: Exception | None = None
     on_bulb: Callable[[int], None] = lambda _: None
     opened: int = 0
+    place: str = "usb:001,004"
+    sizes: dict[str, int] = field(default_factory=dict)
+    """What pictures say of their size, where that is not true."""
 
     def add(self, name: str, data: bytes, times: int = 1) -> None:
         """A picture, told of once or more often."""
@@ -83,10 +86,18 @@ class FakeCamera:
         self._fail()
         return self.events.pop(0) if self.events else (gp.GP_EVENT_TIMEOUT, None)
 
-    def file_get(self, folder: str, name: str, kind: int) -> Any:
+    def file_get_info(self, folder: str, name: str) -> Any:
+        self._fail()
+        size = self.sizes.get(name, len(self.files[name]))
+        return SimpleNamespace(file=SimpleNamespace(size=size, fields=gp.GP_FILE_INFO_SIZE))
+
+    def file_get(self, folder: str, name: str, kind: int, into: Any, context: Any) -> None:
         self._fail()
         self.fetched.append(name)
-        return SimpleNamespace(get_data_and_size=lambda: self.files[name])
+        into.set_data_and_size(self.files[name])
+
+    def get_port_info(self) -> Any:
+        return SimpleNamespace(get_path=lambda: self.place)
 
     def _fail(self) -> None:
         if self.broken is not None:

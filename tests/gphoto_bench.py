@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
 from tests.cr2 import write_cr2
-from tests.fake_gphoto import FakeCamera, Setting
+from tests.fake_gphoto import FakeCamera, Setting, failure
 
 MS = 1_000_000
 
@@ -40,6 +41,8 @@ class Camera(FakeCamera):
         self.due: list[tuple[int, str]] = []
         self.asked_for: list[tuple[str, str, int]] = []
         self.refuses_bulb: Exception | None = None
+        self.busy = 0
+        """How often it will say that it cannot move its shutter just now."""
 
     def later(self, seconds: float, name: str, data: bytes) -> None:
         """A picture, told of so long from now."""
@@ -60,13 +63,16 @@ class Camera(FakeCamera):
         return gp.GP_EVENT_TIMEOUT, None
 
     def set_single_config(self, name: str, widget: Setting) -> None:
+        if name == "bulb" and self.busy:
+            self.busy -= 1
+            raise failure(gp.GP_ERROR_CAMERA_BUSY)
         if name == "bulb" and self.refuses_bulb is not None:
             raise self.refuses_bulb
         super().set_single_config(name, widget)
 
-    def file_get(self, folder: str, name: str, kind: int) -> Any:
+    def file_get(self, folder: str, name: str, kind: int, into: Any, context: Any) -> None:
         self.asked_for.append((folder, name, kind))
-        return super().file_get(folder, name, kind)
+        super().file_get(folder, name, kind, into, context)
 
 
 class Bench:
@@ -82,7 +88,11 @@ class Bench:
             trigger=TriggerConfig(driver="gphoto2", lag_s=0.1, jitter_s=0.02),
         )
         self.signs = 0
-        context = DriverContext(config=config, clock=self.clock, alive=self._alive)
+        self.cancelled = False
+        self.on_look: Callable[[], object] = lambda: None
+        context = DriverContext(
+            config=config, clock=self.clock, alive=self._alive, cancelled=lambda: self.cancelled
+        )
         self.shutter, self.readout = GphotoShutter.create(context), GphotoReadout.create(context)
         self.session = GphotoSession.of(context)
         self.root = root
@@ -91,6 +101,7 @@ class Bench:
 
     def _alive(self) -> None:
         self.signs += 1
+        self.on_look()
 
     def value(self, name: str) -> str | int:
         return self.camera.settings[name].value

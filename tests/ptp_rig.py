@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +39,14 @@ def photo_of(exposure: CameraExposure) -> bytes:
     return (b"II*\0" + seed * (PHOTO_B // len(seed) + 1))[:PHOTO_B]
 
 
+@dataclass
+class LookedAt:
+    """What a driver that waits looks at."""
+
+    on_look: Callable[[], object] = lambda: None
+    cancelled: bool = False
+
+
 class PtpRig:
     """One virtual camera and the drivers that use it; photos are of `photo_of`."""
 
@@ -62,7 +72,14 @@ class PtpRig:
                 driver=trigger_driver, options=options if camera_driver != "ptp" else {}
             ),
         )
-        self.context = DriverContext(config, self.clock, SharedState(usb_backend=self.usb))
+        job = self.job = LookedAt()
+        self.context = DriverContext(
+            config,
+            self.clock,
+            SharedState(usb_backend=self.usb),
+            alive=lambda: job.on_look(),
+            cancelled=lambda: job.cancelled,
+        )
         self.camera = EosCamera.of(self.context)
         # Tests tick by themselves, so that nothing depends on how fast the machine is.
         self.camera.alive_period_s = 3600.0

@@ -43,10 +43,12 @@ _SLICE_S = 0.5
 """Longest single wait for an event."""
 _LATE_S = 0.3
 """How long a second file of the same exposure is listened for."""
+_WHOLE_S = 1.0
+"""What a photo that was told of in time gets beyond it to be whole."""
 _DRAIN_S = 5.0
 _STRAY_S = 15.0
-"""How long after an exposure its photo may come, beside the length of that exposure once more,
-which noise reduction takes."""
+"""How long after an exposure, or after its photo was given up, that may come, beside the length of
+the exposure once more, which noise reduction takes."""
 
 
 class GphotoShutter:
@@ -157,7 +159,8 @@ class GphotoReadout:
         self._clock = clock
         self._isos: dict[int, str] = {}
         self._f_numbers: dict[float, str] = {}
-        self._armed = False
+        self._most_bytes = load_profile(config.profile).largest_photo_bytes
+        self._armed_ns: int | None = None
 
     @classmethod
     def create(cls, context: DriverContext) -> GphotoReadout:
@@ -182,9 +185,8 @@ class GphotoReadout:
         for choice in session.choices("aperture"):
             with suppress(ValueError):  # "implicit auto" and the like
                 self._f_numbers[float(choice.removeprefix("f/"))] = choice
-        session.drain(self._clock, _DRAIN_S)
-        if session.choices("capturetarget"):
-            session.set("capturetarget", _TARGETS[session.options.destination])
+        session.drain(_DRAIN_S)
+        self._choose_target()
         return CameraInfo(
             model=self._say("cameramodel") or "gphoto2 camera",
             serial=self._say("serialnumber"),
@@ -202,8 +204,10 @@ class GphotoReadout:
 
         Raises ConfigError with the list of what the camera offers, DeviceLost.
         """
-        self._armed = False
-        if not self._session.is_open:
+        session, armed_ns, self._armed_ns = self._session, self._armed_ns, None
+        if armed_ns is not None and not session.releases:
+            self._give_up(armed_ns)  # a cable release tells nobody what it did
+        if not session.is_open:
             self.connect()  # it was lost since
         if settings.iso not in self._isos:
             raise ConfigError(
@@ -211,7 +215,6 @@ class GphotoReadout:
                 device="camera",
                 hint=f"take one of {', '.join(map(str, sorted(self._isos)))}",
             )
-        session = self._session
         session.set("iso", self._isos[settings.iso])
         if settings.f_number is not None and self._f_numbers:
             nearest = min(self._f_numbers, key=lambda f: abs(f - (settings.f_number or 0.0)))
@@ -225,7 +228,7 @@ class GphotoReadout:
         session.prefer("shutterspeed", "bulb")  # also for a shutter on a cable
         session.prefer("imageformat", "RAW")
         self._clear()
-        self._armed = True
+        self._armed_ns = self._clock.now_ns()
 
     def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
         """Wait for the RAW file and store it; JPEGs beside it are thrown away.
@@ -233,10 +236,25 @@ class GphotoReadout:
         Raises ExposureError for none or more than one, DecodeError for a file with a piece missing,
         DeviceLost, NoSpaceError, or DiskError for any other refusal of the disk.
         """
-        if not self._armed:
+        armed_ns, self._armed_ns = self._armed_ns, None
+        if armed_ns is None:
             raise ExposureError("the camera was not armed", device="camera", hint="call arm first")
-        self._armed = False
-        file, data = self._wait(timeout_s)
+        session, begun_ns = self._session, self._clock.now_ns()
+        session.photo_due_ns = begun_ns  # until it is here
+
+        def too_slow() -> PdcdError:
+            return ExposureError(
+                f"no RAW file came whole within {timeout_s:g} s",
+                device="camera",
+                hint="take it again; on a slow bus raise camera.fetch_timeout_s",
+            )
+
+        try:
+            with session.patience.within(timeout_s + _WHOLE_S, too_slow):
+                file, data = self._wait(timeout_s)
+        finally:
+            if session.photo_due_ns is not None:
+                self._give_up(armed_ns, begun_ns)
         tags = read_tags(data)
         if not data or (tags is not None and tags.needs_bytes > len(data)):
             raise DecodeError(
@@ -256,8 +274,29 @@ class GphotoReadout:
 
     def disconnect(self) -> None:
         """Release the camera."""
-        self._armed = False
+        self._armed_ns = None
         self._session.close("readout")
+
+    def _choose_target(self) -> None:
+        """Have pictures kept where the options say. Raises ConfigError where the camera cannot."""
+        session, wanted = self._session, self._session.options.destination
+        offered = session.choices("capturetarget")
+        if offered and _TARGETS[wanted] not in offered:
+            other = [f'destination = "{name}"' for name in _TARGETS if _TARGETS[name] in offered]
+            raise ConfigError(
+                f"the camera cannot keep its pictures in {_TARGETS[wanted]}, only in "
+                f"{', '.join(offered)}",
+                device="camera",
+                hint=f"set {' or '.join(other) or 'its target'} in [camera.options]",
+            )
+        if offered:
+            session.set("capturetarget", _TARGETS[wanted])
+
+    def _give_up(self, armed_ns: int, closed_ns: int | None = None) -> None:
+        """The photo of an exposure is waited for no longer; it may yet come."""
+        now_ns = self._clock.now_ns()
+        exposed_ns = 0 if closed_ns is None else closed_ns - armed_ns
+        self._session.photo_due_ns = now_ns + exposed_ns + round(_STRAY_S * 1e9)
 
     def _wait(self, timeout_s: float) -> tuple[CameraFile, bytes]:
         """The one RAW file of this exposure, downloaded."""
@@ -269,7 +308,7 @@ class GphotoReadout:
             if file is None or file in seen:  # the same event twice
                 continue
             seen.add(file)
-            data = self._session.download(file)
+            data = self._session.download(file, self._most_bytes)
             if _is_raw(file):
                 self._session.photo_due_ns = None
                 if not found:
@@ -291,13 +330,23 @@ class GphotoReadout:
         return found[0]
 
     def _clear(self) -> None:
-        """Throw away pictures of earlier exposures, also one that is yet to come."""
+        """Throw away pictures of earlier exposures, also one that is yet to come.
+
+        Raises ExposureError when that one does not come: it could be taken for the next. With a
+        cable release nobody knows whether there was an exposure, and waiting has to do.
+        """
         session, owed = self._session, self._session.photo_due_ns is not None
-        for late in session.drain(self._clock, _DRAIN_S):
+        for late in session.drain(_DRAIN_S):
             owed = not self._thrown_away(late) and owed
         while owed and (left_ns := (session.photo_due_ns or 0) - self._clock.now_ns()) > 0:
             late_one = session.next_file(min(left_ns * 1e-9, _SLICE_S))
             owed = late_one is None or not self._thrown_away(late_one)
+        if owed and session.releases:
+            raise ExposureError(
+                "the photo of an earlier exposure has not come and could be taken for the next",
+                device="camera",
+                hint="wait a while, or switch the camera off and on and start pdcd anew",
+            )
         if owed:
             logger.warning("the picture of an earlier exposure never came")
         session.photo_due_ns = None
@@ -305,7 +354,8 @@ class GphotoReadout:
     def _thrown_away(self, late: CameraFile) -> bool:
         """Throw one away; returns whether it was a RAW file."""
         logger.warning("picture of an earlier exposure thrown away name=%s", late.name)
-        self._session.download(late)  # or its place in the buffer stays taken
+        # Or its place in the buffer stays taken.
+        self._session.download(late, self._most_bytes)
         return _is_raw(late)
 
     def _say(self, name: str) -> str:

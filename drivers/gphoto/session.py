@@ -3,22 +3,34 @@
 Every call ends by libgphoto2's own time-outs: 20 s on USB, 2.5 s over PTP/IP, longer while a Canon
 is busy with a picture. Some of its calls hold Python's global lock as long as that (seen with the
 summary, which is never asked for here), so a program that has other threads to serve in time keeps
-the camera to the driver ``ptp``. Between calls the daemon's watchdog is shown that this thread
-lives; a call that takes its whole time-out on USB is as long as the watchdog of pdcd.service waits.
+the camera to the driver ``ptp``. Between calls, and while a picture comes, whoever waits is looked
+after (`pdcd.driver.Patience`); a call that takes its whole time-out on USB is as long as the
+watchdog of pdcd.service waits. One thread is in libgphoto2 at a time.
 """
 
 from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Literal, NamedTuple
 
 import gphoto2 as gp
 import msgspec
 
-from pdcd.driver import Clock, Config, ConfigError, DeviceLost, DriverContext, read_options
+from pdcd.driver import (
+    Clock,
+    Config,
+    ConfigError,
+    DeviceLost,
+    DriverContext,
+    ExposureError,
+    Patience,
+    PdcdError,
+    read_options,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -31,6 +43,8 @@ _HINTS = {
 }
 _OFF_ON = "check cable and battery; switch the camera off and on"
 _QUIET_MS = 50
+_BUSY_S, _AGAIN_S = 5.0, 0.2
+"""How long a busy camera is asked again, and how often: it says that it did nothing."""
 _LOST = frozenset(
     {
         gp.GP_ERROR_IO,
@@ -67,21 +81,31 @@ class CameraFile(NamedTuple):
 class GphotoSession:
     """Opened by the first of its users, closed by the last."""
 
-    def __init__(self, options: GphotoOptions, alive: Callable[[], object] = lambda: None) -> None:
+    def __init__(
+        self,
+        options: GphotoOptions,
+        clock: Clock,
+        patience: Patience | None = None,
+    ) -> None:
         self.options = options
+        self.patience = patience or Patience(clock)
         self.shutter_open = False
         """Whether an exposure was begun by `bulb` and not surely ended."""
         self.photo_due_ns: int | None = None
         """Until when the photo of an exposure that nobody has fetched may yet come; None where all
         were fetched."""
-        self._alive = alive
+        self._clock = clock
+        self._lock = threading.RLock()
         self._users: set[str] = set()
         self._camera: Any = None
+        self._place = ""
 
     @classmethod
     def of(cls, context: DriverContext) -> GphotoSession:
         """The session of this rig. Raises ConfigError for wrong options."""
-        return context.the(cls, lambda: cls(_options(context.config), context.alive))
+        return context.the(
+            cls, lambda: cls(_options(context.config), context.clock, context.patience)
+        )
 
     def open(self, user: str) -> None:
         """Find and open the camera. Raises DeviceLost."""
@@ -100,7 +124,15 @@ class GphotoSession:
                 camera.set_abilities(models[models.lookup_model(self.options.model)])
             with _standard_input_kept():
                 camera.init()
-        self._camera = camera
+            place = str(camera.get_port_info().get_path())
+        if self._place not in ("", place):
+            self.photo_due_ns = None  # it was switched off and on, and its memory is empty
+        self._camera, self._place = camera, place
+
+    @property
+    def releases(self) -> bool:
+        """Whether the shutter is worked from here, and not by a cable release."""
+        return "shutter" in self._users
 
     @property
     def is_open(self) -> bool:
@@ -135,7 +167,10 @@ class GphotoSession:
         return []
 
     def set(self, name: str, value: str | int) -> None:
-        """Change a setting. Raises ConfigError, with the list, for one that is not offered."""
+        """Change a setting; a busy camera is asked again for some seconds.
+
+        Raises ConfigError, with the list, for one that is not offered.
+        """
         choices = self.choices(name) if isinstance(value, str) else []
         if choices and value not in choices:
             raise ConfigError(
@@ -143,10 +178,18 @@ class GphotoSession:
                 device="camera",
                 hint=f"take one of {', '.join(choices)}",
             )
-        widget = self._widget(name)
-        with self.errors(f"set {name} to {value}"):
-            widget.set_value(value)
-            self._opened().set_single_config(name, widget)
+        until_ns = self._clock.now_ns() + round(_BUSY_S * 1e9)
+        while True:
+            try:
+                widget = self._widget(name)
+                with self.errors(f"set {name} to {value}"):
+                    widget.set_value(value)
+                    self._opened().set_single_config(name, widget)
+                return
+            except DeviceLost as lost:
+                if not _is_busy(lost) or self._clock.now_ns() >= until_ns:
+                    raise
+            self.patience.sleep(_AGAIN_S)
 
     def prefer(self, name: str, value: str) -> None:
         """Change a setting if the camera has it and offers that; some have a dial for it."""
@@ -156,19 +199,19 @@ class GphotoSession:
 
     def next_file(self, wait_s: float) -> CameraFile | None:
         """The next picture the camera tells of, None if there is none within the time."""
-        self._alive()
+        self.patience.look()
         with self.errors("ask for events"):
             kind, data = self._opened().wait_for_event(max(1, round(wait_s * 1e3)))
         if kind == gp.GP_EVENT_FILE_ADDED:
             return CameraFile(str(data.folder), str(data.name))
         return None
 
-    def drain(self, clock: Clock, limit_s: float) -> list[CameraFile]:
+    def drain(self, limit_s: float) -> list[CameraFile]:
         """Pictures that are waiting to be told of; reads events until there are none."""
         files: list[CameraFile] = []
-        until_ns = clock.now_ns() + round(limit_s * 1e9)
-        while clock.now_ns() < until_ns:
-            self._alive()
+        until_ns = self._clock.now_ns() + round(limit_s * 1e9)
+        while self._clock.now_ns() < until_ns:
+            self.patience.look()
             with self.errors("ask for events"):
                 kind, data = self._opened().wait_for_event(_QUIET_MS)
             if kind == gp.GP_EVENT_FILE_ADDED:
@@ -177,27 +220,64 @@ class GphotoSession:
                 break
         return files
 
-    def download(self, file: CameraFile) -> bytes:
-        """All bytes of a picture; the camera's buffer is free of it afterwards."""
-        self._alive()
+    def download(self, file: CameraFile, most_bytes: int) -> bytes:
+        """All bytes of a picture; the camera's buffer is free of it afterwards.
+
+        Raises ExposureError for one that says it has more than `most_bytes`.
+        """
+        self.patience.look()
         with self.errors(f"download {file.name}"):
-            found = self._opened().file_get(file.folder, file.name, gp.GP_FILE_TYPE_NORMAL)
+            size_bytes = self._size_bytes(file)
+            if size_bytes > most_bytes:
+                raise ExposureError(
+                    f"the camera says that {file.name} has {size_bytes} bytes, and a photo of its "
+                    f"sensor has {most_bytes} at most",
+                    device="camera",
+                    hint="take it again; is camera.profile that of this body?",
+                )
+            found, context = gp.CameraFile(), gp.Context()
+            asked = context.set_cancel_func(self._is_over, None)  # forgotten, it is not asked
+            self._opened().file_get(file.folder, file.name, gp.GP_FILE_TYPE_NORMAL, found, context)
+            del asked
             return bytes(memoryview(found.get_data_and_size()))
+
+    def _size_bytes(self, file: CameraFile) -> int:
+        """What a picture says of its size, 0 for one that says nothing."""
+        try:
+            told = self._opened().file_get_info(file.folder, file.name).file
+        except gp.GPhoto2Error as err:
+            if err.code in _LOST:
+                raise
+            return 0
+        return int(told.size) if told.fields & gp.GP_FILE_INFO_SIZE else 0
+
+    def _is_over(self, _context: object, _data: object) -> int:
+        """Asked by libgphoto2 while a picture comes: whether it need not come any more."""
+        try:
+            self.patience.look()
+        except PdcdError:
+            return int(gp.GP_CONTEXT_FEEDBACK_CANCEL)
+        return int(gp.GP_CONTEXT_FEEDBACK_OK)
 
     @contextmanager
     def errors(self, doing: str) -> Iterator[None]:
         """Turn libgphoto2's errors into DeviceLost with a hint. A camera that is lost is let go, so
         that `open` can find it again."""
+        self.patience.acquire(self._lock)
         try:
             yield
         except gp.GPhoto2Error as err:
             if err.code in _LOST:
                 self._let_go()
+            if err.code == gp.GP_ERROR_CANCEL:
+                self.patience.look()
             raise DeviceLost(
                 f"cannot {doing}: {err.string} ({err.code})",
                 device="camera",
                 hint=_HINTS.get(err.code, _OFF_ON),
             ) from err
+        finally:
+            self._lock.release()
 
     def _opened(self) -> Any:
         if self._camera is None:
@@ -206,17 +286,22 @@ class GphotoSession:
 
     def _widget(self, name: str) -> Any:
         camera = self._opened()
-        try:
-            return camera.get_single_config(name)
-        except gp.GPhoto2Error as err:
-            if err.code in (gp.GP_ERROR_BAD_PARAMETERS, gp.GP_ERROR_NOT_SUPPORTED):
+        with self.errors(f"read {name}"):
+            try:
+                return camera.get_single_config(name)
+            except gp.GPhoto2Error as err:
+                if err.code not in (gp.GP_ERROR_BAD_PARAMETERS, gp.GP_ERROR_NOT_SUPPORTED):
+                    raise
                 raise ConfigError(
                     f"the camera has no setting {name}",
                     device="camera",
                     hint="see gphoto2 --list-config; use another driver for what it lacks",
                 ) from err
-            with self.errors(f"read {name}"):
-                raise
+
+
+def _is_busy(lost: DeviceLost) -> bool:
+    cause = lost.__cause__
+    return isinstance(cause, gp.GPhoto2Error) and cause.code == gp.GP_ERROR_CAMERA_BUSY
 
 
 @contextmanager

@@ -9,18 +9,25 @@ Not modelled: focusing, live view, timed exposures, movies.
 from __future__ import annotations
 
 import logging
-from collections import deque
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
-from pdcd.driver import Clock, DriverContext, ExposureError, PdcdError
+from pdcd.driver import (
+    Cancelled,
+    Clock,
+    DeviceLost,
+    DriverContext,
+    ExposureError,
+    Patience,
+    PdcdError,
+    load_profile,
+)
 
 from .bulb import Bulb, choose_method
 from .codes import (
     DESTINATION_RAM,
     PC_HDD_ROOM,
     SHUTTER_BULB,
-    EosEvent,
     ExposureMode,
     Operation,
     Property,
@@ -28,24 +35,13 @@ from .codes import (
     format_code,
 )
 from .containers import WireError
-from .datasets import (
-    pack_property_bytes,
-    pack_property_set,
-    parse_custom_functions,
-)
-from .events import (
-    AvailList,
-    EosRecord,
-    ObjectAdded,
-    PlainRecord,
-    PropValue,
-    is_raw_only,
-    parse_events,
-)
-from .faults import DEVICE, TransactionMismatch
+from .datasets import pack_property_bytes, pack_property_set
+from .events import ObjectAdded, is_raw_only, parse_events
+from .faults import DEVICE, POWER_CYCLE, TransactionMismatch
 from .keepalive import PERIOD_S, KeepAlive
 from .options import PtpOptions, read_ptp_options
 from .session import PtpSession
+from .told import Told
 from .transport import TransactionReply
 from .values import list_setup_faults
 
@@ -57,19 +53,24 @@ SHUTTER = "shutter"
 _BUSY_S = 5.0
 """How long a busy camera is asked again; it says 2019 while events wait to be heard."""
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8
-_MOST_POLLS = 64
+_MOST_POLLS, _MOST_DAMAGED = 64, 3
 _MARGIN_S = 10.0
 _LIMIT = "limits.max_exposure_s"
 _LONGEST_S = 1e6
 """Eleven days, also where limits.max_exposure_s is infinite."""
-_U32_B = 4
 _POLLS = 20
+_CALL_S = 120.0
+"""Longest that anything but a photo's way home may take, whatever the camera answers."""
+_LEAVE_S, _CLOSE_S = 5.0, 1.0
+"""What a camera gets to be left in order, and to close though it does nothing else."""
+MOST_PHOTO_B = 1 << 30
+"""Of a camera whose sensor is not known."""
 
 
-class EosCamera:
+class EosCamera(Told):
     """One body, used by a shutter, a readout, or both; open while at least one of them is.
 
-    May be called from any thread; each call holds the session's lock to its end.
+    May be called from any thread; each call holds the session to its end.
     """
 
     def __init__(
@@ -78,33 +79,27 @@ class EosCamera:
         clock: Clock,
         backend: object,
         longest_s: float,
-        alive: Callable[[], object] = lambda: None,
+        patience: Patience | None = None,
+        most_photo_bytes: int = MOST_PHOTO_B,
     ) -> None:
+        super().__init__()
         self.options = options
-        self.values: dict[int, int] = {}
-        self.choices: dict[int, tuple[int, ...]] = {}
-        self.custom: dict[int, int] = {}
-        """Custom functions by their number."""
-        self.files: deque[ObjectAdded] = deque()
-        """Photos that wait to be fetched, oldest first."""
-        self._done: set[int] = set()  # handles on the card, which stay good when announced twice
-        self._formats: tuple[bytes, ...] = ()
+        self.patience = patience or Patience(clock)
+        self.most_photo_bytes = most_photo_bytes
+        """What a photo of this sensor cannot be longer than."""
         self.session = PtpSession(
             backend,
             clock,
             self._set_modes,
             usb_id=options.usb_id,
             serial=options.serial,
-            alive=alive,
+            patience=self.patience,
         )
-        self.lock = self.session.lock
         self.bulb = Bulb(self.order, lambda: self.session.climbs, clock)
         self.clock = clock
         self._longest_ns = round((min(longest_s, _LONGEST_S) + _MARGIN_S) * 1e9)
         self._due_ns = self._longest_ns
         """For how long the present exposure may go on."""
-        self.tell_alive = alive
-        """One sign of life; see `DriverContext.alive`."""
         self._users: set[str] = set()
         self.alive_period_s = PERIOD_S
         self._alive: KeepAlive | None = None
@@ -117,9 +112,24 @@ class EosCamera:
             options = read_ptp_options(context.config)
             backend = context.usb_backend(options.usb)
             longest_s = context.config.limits.max_exposure_s
-            return cls(options, context.clock, backend, longest_s, context.alive)
+            most_b = MOST_PHOTO_B
+            if context.config.camera.driver == "ptp" and not options.in_process:
+                most_b = load_profile(context.config.camera.profile).largest_photo_bytes
+            return cls(options, context.clock, backend, longest_s, context.patience, most_b)
 
         return context.the(cls, make)
+
+    @contextmanager
+    def in_time(self) -> Iterator[None]:
+        """The session for one call, which ends by DeviceLost if the camera draws it out."""
+
+        def over() -> PdcdError:
+            return DeviceLost(
+                f"did not get on with it in {_CALL_S:g} s", device=DEVICE, hint=POWER_CYCLE
+            )
+
+        with self.session.hold(), self.patience.within(_CALL_S, over):
+            yield
 
     @property
     def releases(self) -> bool:
@@ -132,7 +142,7 @@ class EosCamera:
         Returns what the camera is. The user `SHUTTER` raises ConfigError when this body cannot be
         released over USB.
         """
-        with self.lock:
+        with self.in_time():
             info = self.session.open()
             if self._alive is None:
                 self._alive = KeepAlive(self.tick, self.alive_period_s)
@@ -152,13 +162,14 @@ class EosCamera:
     def let_go(self, user: str) -> None:
         """`close` for a driver that nobody holds any more, where nobody can be told of an error."""
         try:
-            self.close(user)
+            with self.patience.deaf():
+                self.close(user)
         except PdcdError as err:
             logger.critical("camera not left as it should be error=%s", err)
 
     def renew(self) -> None:
         """Begin a new session: whatever waits in the camera is forgotten."""
-        with self.lock:
+        with self.in_time():
             self.session.close()
             self.session.open()
 
@@ -168,7 +179,7 @@ class EosCamera:
         Idempotent. Raises what `Bulb.end` raises, and DeviceLost when a camera that may be exposing
         is not found, with the camera let go all the same.
         """
-        with self.lock:
+        with self.in_time():
             held = user in self._users
             self._users.discard(user)
             try:
@@ -200,13 +211,13 @@ class EosCamera:
             self.poll()
 
     def pause(self, seconds: float) -> None:
-        """Give a sign of life, then wait on the rig's clock; to be called with short times."""
-        self.tell_alive()
-        self.clock.sleep_until_ns(self.clock.now_ns() + round(seconds * 1e9))
+        """Wait on the rig's clock, looking whether anybody still waits."""
+        self.patience.sleep(seconds)
 
     def poll(self) -> None:
         """Hear all events that wait."""
-        with self.lock:
+        with self.in_time():
+            damaged = 0
             for _ in range(_MOST_POLLS):
                 reply = self.session.call(Operation.EOS_GET_EVENT)
                 if reply.code != ResponseCode.OK:
@@ -215,9 +226,13 @@ class EosCamera:
                     events = parse_events(reply.data)
                 except WireError as err:
                     logger.warning("events lost camera=%s error=%s", self.session.name, err)
+                    damaged += 1
+                    if damaged == _MOST_DAMAGED:
+                        return
                     continue
                 for event in events:
-                    self._hear(event)
+                    if self.hear(event):
+                        self.session.call(Operation.EOS_KEEP_DEVICE_ON)
                 if not events:
                     return
 
@@ -237,11 +252,17 @@ class EosCamera:
 
     def tick(self) -> None:
         """Sign of life, from the thread that keeps the camera awake; leaves a busy one alone."""
-        if not self.lock.acquire(blocking=False):
+        session = self.session
+        if not session.lock.acquire(blocking=False):
             return
         try:
-            if not self.session.is_open:
-                return
+            with self.patience.deaf(), self.patience.until(session.wanted.is_set, _give_way):
+                self._stay_awake()
+        finally:
+            session.lock.release()
+
+    def _stay_awake(self) -> None:
+        if self.session.is_open:
             if self.bulb.overdue(self._due_ns):
                 logger.critical("shutter open for too long, closing camera=%s", self.session.name)
                 told = self._due_ns < self._longest_ns
@@ -249,15 +270,13 @@ class EosCamera:
                 self.cut_short(f"it was open for longer than {limit}")
             self.session.call(Operation.EOS_KEEP_DEVICE_ON)
             self.poll()
-        finally:
-            self.lock.release()
 
     def begin_exposure(self, longest_s: float | None = None) -> None:
         """Open the shutter. Raises ExposureError, with it closed, when that cannot be done.
 
         longest_s : when it is closed at the latest, where that is sooner than the limit of all.
         """
-        with self.lock:
+        with self.in_time():
             expected_ns = self._longest_ns if longest_s is None else round(longest_s * 1e9)
             self._due_ns = min(expected_ns, self._longest_ns)
             self.session.open()
@@ -272,17 +291,18 @@ class EosCamera:
 
         May be called from any thread. Raises what `Bulb.end` raises.
         """
-        with self.lock:
+        with self.patience.deaf(), self.in_time():
             if self.bulb.since_ns is not None:
                 self.bulb.end()
                 self.bulb.spoil(why)
 
     def end_exposure(self) -> bool:
         """Close the shutter; returns whether it was open. Raises what `Bulb.end` raises."""
-        with self.lock:
-            was_open = self.bulb.since_ns is not None
-            if was_open:
-                self.session.open()  # a camera that was lost is sought again: it may be exposing
+        if self.bulb.since_ns is None:  # nobody is asked, who might not answer
+            self.bulb.end()
+            return False
+        with self.in_time():
+            self.session.open()  # a camera that was lost is sought again: it may be exposing
             strays = len(self.files)
             try:
                 self.bulb.end()
@@ -290,10 +310,8 @@ class EosCamera:
                 if self.bulb.since_ns is not None:  # it refuses; a new session begins with closed
                     self.renew()
                 raise
-            thrown_away = self._throw_away(strays)
-            if thrown_away and not was_open:
-                self.bulb.owed = False  # the photo that nobody fetched was among them
-            return was_open
+            self._throw_away(strays)
+            return True
 
     def discard(self, photo: ObjectAdded) -> bool:
         """Free the camera's memory of a photo; one on the card stays there.
@@ -301,7 +319,7 @@ class EosCamera:
         Returns whether there was such a photo, as far as the camera tells.
         """
         if photo.on_card:
-            self._done.add(photo.handle)
+            self.done.add(photo.handle)
             return True
         reply = self.order(Operation.EOS_TRANSFER_COMPLETE, photo.handle)
         return reply.code == ResponseCode.OK
@@ -326,17 +344,19 @@ class EosCamera:
 
     def _set_modes(self) -> None:
         """What every new session begins with: remote control, events, destination, closed."""
-        self.values.clear()
-        self.choices.clear()
-        self.files.clear()
-        self._done.clear()
+        self.forget()
         try:
             self._must(Operation.EOS_SET_REMOTE_MODE, 1)
             self._must(Operation.EOS_SET_EVENT_MODE, 1)
             if not self._heard(lambda: Property.ISO in self.choices):
                 raise TransactionMismatch("does not tell its settings")
         except PdcdError:
-            with suppress(PdcdError):  # it may be exposing, and close though it does nothing else
+            # It may be exposing, and close though it does nothing else.
+            with (
+                suppress(PdcdError),
+                self.patience.deaf(),
+                self.patience.within(_CLOSE_S, _give_way),
+            ):
                 self._begin_closed()
             raise
         self._begin_closed()
@@ -375,7 +395,7 @@ class EosCamera:
 
     def _leave_modes(self) -> None:
         """Hand the camera back to its own buttons, as far as it goes along with that."""
-        with suppress(PdcdError):
+        with suppress(PdcdError), self.patience.within(_LEAVE_S, _give_way):
             if self.session.is_open:
                 card = self._card()
                 if card is not None:
@@ -406,7 +426,7 @@ class EosCamera:
 
     def _set_raw(self) -> None:
         """Ask for RAW and nothing else, where the camera tells how."""
-        formats = self._formats
+        formats = self.formats
         with suppress(WireError):
             raw = next((packed for packed in formats if is_raw_only(packed)), None)
             if raw is not None:
@@ -414,19 +434,6 @@ class EosCamera:
                 self.order(Operation.EOS_SET_DEVICE_PROP_VALUE_EX, data=data)
                 self.poll()
 
-    def _hear(self, event: EosRecord) -> None:
-        match event:
-            case ObjectAdded():
-                if event.handle not in self._done:
-                    self.files.append(event)
-            case PropValue(prop=Property.CUSTOM_FUNCTIONS):
-                with suppress(WireError):  # only bodies that pack them otherwise
-                    self.custom = parse_custom_functions(event.data)
-            case PropValue() if len(event.data) == _U32_B:
-                self.values[event.prop] = event.value
-            case AvailList(prop=Property.IMAGE_FORMAT):
-                self._formats = event.packed
-            case AvailList():
-                self.choices[event.prop] = event.values
-            case PlainRecord(code=EosEvent.WILL_SOON_SHUT_DOWN):
-                self.session.call(Operation.EOS_KEEP_DEVICE_ON)
+
+def _give_way() -> PdcdError:
+    return Cancelled("the camera is wanted, or slow", device=DEVICE)

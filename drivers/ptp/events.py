@@ -27,6 +27,8 @@ _RECORD_BYTES = 8
 _END = struct.pack("<II", _RECORD_BYTES, EosEvent.END)
 _LIST_U32 = 3
 _FORMAT_ENTRY_BYTES = 16
+_MOST_RECORDS, _MOST_CHOICES = 20_000, 1024
+"""Of one list of events, and of what one setting may be: bodies have some hundred of either."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,8 @@ def parse_events(data: Buffer) -> list[EosRecord]:
         body = take.take(size - _RECORD_BYTES)
         if code == EosEvent.END:
             break
+        if len(records) == _MOST_RECORDS:
+            raise WireError(f"EOS events: more than {_MOST_RECORDS} in one list")
         records.append(_parse_record(code, body))
     return records
 
@@ -176,6 +180,8 @@ def _parse_record(code: int, body: memoryview) -> EosRecord:
 
 def _parse_list(take: Reader) -> EosRecord:
     prop, kind, count = take.u32(), take.u32(), take.u32()
+    if count > _MOST_CHOICES:
+        raise WireError(f"EOS events: property 0x{prop:04X} may be one of {count} values")
     if prop == Property.IMAGE_FORMAT:
         packed = []
         for _ in range(count):

@@ -37,7 +37,7 @@ def wait_for_photo(camera: EosCamera, until_ns: int) -> ObjectAdded | None:
     Other files (a JPEG beside the RAW) are thrown away.
     """
     while True:
-        with camera.lock:
+        with camera.session.hold():
             camera.poll()
             while camera.files:
                 photo = camera.files.popleft()
@@ -68,9 +68,16 @@ def store_photo(
     Returns None when the camera knows no such object: its event was repeated, or came late.
     Raises ExposureError when the photo is not whole, OSError when the disk refuses.
     """
+    if photo.size_bytes > camera.most_photo_bytes:
+        raise ExposureError(
+            f"the camera says that {photo.name} has {photo.size_bytes} bytes, and a photo of its "
+            f"sensor has {camera.most_photo_bytes} at most",
+            device=DEVICE,
+            hint="take it again; is camera.profile that of this body?",
+        )
     part = path.with_name(path.name + ".part")
     try:
-        with camera.lock, part.open("xb") as file:
+        with camera.session.hold(), part.open("xb") as file:
             digest = _copy(camera, photo, file.write)
             if digest is None:
                 return None
@@ -93,7 +100,7 @@ def _copy(
     digest, at = hashlib.sha256(), 0
     while at < photo.size_bytes:
         want = min(BLOCK_B, photo.size_bytes - at)
-        camera.tell_alive()  # a large photo on a slow bus takes minutes
+        camera.patience.look()  # a large photo on a slow bus takes minutes
         reply = camera.order(read, photo.handle, at, want)
         if camera.session.renewed != renewed:
             raise _spoiled(photo, "the connection was lost meanwhile")

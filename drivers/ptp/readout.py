@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import weakref
-from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,6 +23,7 @@ from pdcd.driver import (
 
 from .codes import Property
 from .eos import EosCamera
+from .events import ObjectAdded
 from .faults import DEVICE
 from .files import store_photo, suffix_of, wait_for_photo
 from .values import list_f_numbers, list_isos
@@ -36,6 +36,8 @@ FILE_EXTRA_S = 30.0
 """A photo is waited for this long, plus twice the exposure: noise reduction doubles it."""
 _LATE_S = 5.0
 """A photo that takes longer than this and than its exposure is remarked on."""
+_WHOLE_S = 1.0
+"""What a photo that was announced in time gets beyond it to be whole."""
 _STRAY_S = 15.0
 """How long the photo of an exposure that was given up is waited for before the next one."""
 
@@ -86,7 +88,7 @@ class PtpReadout:
         camera that was lost is sought again first.
         """
         camera, armed_ns, self._armed_ns = self._camera, self._armed_ns, None
-        with camera.lock:
+        with camera.in_time():
             if armed_ns is not None and not camera.releases:
                 camera.bulb.owed = True  # a cable release tells nobody what it did
             camera.session.open()
@@ -116,21 +118,25 @@ class PtpReadout:
             raise ExposureError("the camera was not armed", device=DEVICE, hint="call arm first")
         if camera.bulb.since_ns is not None:
             raise ExposureError("the shutter is open", device=DEVICE, hint="close it first")
-        begun_ns = self._clock.now_ns()
+        camera.bulb.owed = True  # until it is here, or known not to come
+
+        def too_slow() -> PdcdError:
+            return ExposureError(
+                f"the photo did not come whole within {timeout_s:g} s",
+                device=DEVICE,
+                hint="take it again; on a slow bus raise camera.fetch_timeout_s",
+            )
+
+        with camera.patience.within(timeout_s + _WHOLE_S, too_slow):
+            return self._fetched(folder, name, armed_ns, timeout_s)
+
+    def _fetched(self, folder: Path, name: str, armed_ns: int, timeout_s: float) -> RawFile:
+        camera, begun_ns = self._camera, self._clock.now_ns()
         exposed_s = (begun_ns - armed_ns) * 1e-9
         wait_s = min(timeout_s, 2.0 * exposed_s + FILE_EXTRA_S)
-        until_ns = begun_ns + round(wait_s * 1e9)
         self._same_session()
-        while (photo := wait_for_photo(camera, until_ns)) is not None:
-            try:
-                self._same_session()
-                path = folder / f"{name}{suffix_of(photo)}"
-                raw = store_photo(camera, photo, path, twice=camera.options.read_twice)
-            except (OSError, ExposureError):
-                with suppress(PdcdError):
-                    camera.discard(photo)
-                camera.bulb.owed = False
-                raise
+        while (photo := wait_for_photo(camera, begun_ns + round(wait_s * 1e9))) is not None:
+            raw = self._stored(photo, folder / f"{name}{suffix_of(photo)}")
             if raw is not None:
                 camera.bulb.owed = False
                 waited_s = (self._clock.now_ns() - begun_ns) * 1e-9
@@ -139,12 +145,27 @@ class PtpReadout:
                 return raw
             logger.warning("event without a photo, ignored handle=%#x", photo.handle)
         self._same_session()
-        camera.bulb.owed = True
         raise ExposureError(
             f"no photo came within {wait_s:.0f} s",
             device=DEVICE,
             hint="is the camera set to RAW, and long-exposure noise reduction off?",
         )
+
+    def _stored(self, photo: ObjectAdded, path: Path) -> RawFile | None:
+        """`store_photo`; one that cannot be had is thrown away, now or by the next `arm`."""
+        camera = self._camera
+        try:
+            self._same_session()
+            return store_photo(camera, photo, path, twice=camera.options.read_twice)
+        except (OSError, PdcdError) as err:
+            try:
+                if not isinstance(err, OSError | ExposureError):
+                    raise
+                camera.discard(photo)
+                camera.bulb.owed = False
+            except PdcdError:  # who waited no longer waits
+                camera.files.appendleft(photo)
+            raise
 
     def disconnect(self) -> None:
         """Let the camera go unless the shutter still has it."""

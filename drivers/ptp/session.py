@@ -12,19 +12,20 @@
 An operation that fails climbs one rung at a time and is repeated after each, except those that
 must happen `once`: they are never sent twice unless the camera said that it did not do them.
 
-Longest waits: 8 s for each transfer of an operation, 1.5 s at first contact; an operation that
-climbs all the way gives up within `LONGEST_OPERATION_S`.
+Longest waits: 8 s for each transaction, 1.5 s for those of the first contact; an operation that
+climbs all the way gives up within `LONGEST_OPERATION_S`. Whoever waits for it may break it off at
+any time (`pdcd.driver.Patience`): the next one then begins by getting back in step.
 """
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 
-from pdcd.driver import Clock, ConfigError, DeviceLost, PdcdError
+from pdcd.driver import Clock, ConfigError, DeviceLost, Patience, PdcdError
 
 from .codes import Operation, ResponseCode, format_code
 from .containers import WireError
@@ -51,6 +52,9 @@ _AGAIN_S = 5.0
 LONGEST_OPERATION_S = 60.0
 """Bound of one operation with all rungs of the ladder (4 tries of 8 s, resets and their waits)."""
 
+_HELD_S = 0.1
+"""How long another thread may hold the session before it is told that it is wanted."""
+
 _SESSION = 1
 _STEP, _RESET, _PORT, _GIVE_UP = 2, 3, 4, 5
 _AGAIN_STEP_NS = 200_000_000
@@ -61,9 +65,9 @@ class PtpSession:
 
     backend : a pyusb backend, or None for the machine's libusb.
     restore : called whenever a session was opened anew, to set the modes that went with the old.
-    alive : called at every rung of the ladder, see `DriverContext.alive`.
+    patience : of the rig, looked at between transfers and at every rung of the ladder.
 
-    Every method may be called from any thread; `lock` is held while one runs.
+    Every method may be called from any thread; one `hold`s the session while it runs.
     """
 
     def __init__(
@@ -74,9 +78,11 @@ class PtpSession:
         *,
         usb_id: tuple[int, int] | None = None,
         serial: str | None = None,
-        alive: Callable[[], object] = lambda: None,
+        patience: Patience | None = None,
     ) -> None:
         self.lock = threading.RLock()
+        self.wanted = threading.Event()
+        """Whether somebody waits for the session that another thread holds."""
         self.info: DeviceInfo | None = None
         self.renewed = 0
         """How often a session was opened; handles of objects do not outlive one."""
@@ -89,7 +95,7 @@ class PtpSession:
         self._restore = restore
         self._usb_id = usb_id
         self._serial = serial
-        self._alive = alive
+        self._patience = patience or Patience(clock)
         self._transport: Transport | None = None
         self._climbing = False
 
@@ -103,13 +109,27 @@ class PtpSession:
         """Where the camera is; empty when there is no session."""
         return self._transport.name if self._transport else ""
 
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        """The session for one thread, which may hold it already; raises as `Patience.look` does."""
+        if not self.lock.acquire(timeout=_HELD_S):
+            self.wanted.set()
+            try:
+                self._patience.acquire(self.lock)
+            finally:
+                self.wanted.clear()
+        try:
+            yield
+        finally:
+            self.lock.release()
+
     def open(self) -> DeviceInfo:
         """Find the camera, open a session and set its modes; nothing to do when that is done.
 
         Raises DeviceLost when there is no such camera or it does not answer, and ConfigError when
         there is more than one to choose from.
         """
-        with self.lock:
+        with self.hold():
             if self._transport is None:
                 try:
                     self._guarded(partial(self._find, self._serial))
@@ -130,7 +150,7 @@ class PtpSession:
         Raises Unanswered when it is to happen `once` and no answer came, and DeviceLost when the
         camera cannot be brought back.
         """
-        with self.lock:
+        with self.hold():
             rung = _STEP
             while True:
                 try:
@@ -149,7 +169,7 @@ class PtpSession:
 
     def close(self) -> None:
         """End the session and let the camera go. Idempotent; never raises."""
-        with self.lock:
+        with self.hold():
             transport, self._transport = self._transport, None
             if transport is None:
                 return
@@ -167,19 +187,24 @@ class PtpSession:
     def _climb(self, rung: int, code: Operation, fault: WireFault) -> int:
         """Bring the camera back from that rung on; returns the rung that did it."""
         self.climbs += 1
-        while rung < _GIVE_UP:
-            if isinstance(fault, DeviceGone):
-                rung = _PORT
-            self._alive()
-            what = fault.message
-            logger.warning("recovering rung=%d operation=%s fault=%s", rung, code.name, what)
-            try:
-                step = self._renew if isinstance(fault, SessionLost) else self._step
-                self._guarded({_STEP: step, _RESET: self._reset, _PORT: self._port}[rung])
-                return rung
-            except PdcdError as err:
-                fault = err if isinstance(err, WireFault) else TransactionMismatch(err.message)
-                rung += 1
+        try:
+            while rung < _GIVE_UP:
+                if isinstance(fault, DeviceGone):
+                    rung = _PORT
+                self._patience.look()
+                what = fault.message
+                logger.warning("recovering rung=%d operation=%s fault=%s", rung, code.name, what)
+                try:
+                    step = self._renew if isinstance(fault, SessionLost) else self._step
+                    self._guarded({_STEP: step, _RESET: self._reset, _PORT: self._port}[rung])
+                    return rung
+                except PdcdError as err:
+                    fault = err if isinstance(err, WireFault) else TransactionMismatch(err.message)
+                    rung += 1
+            self._patience.look()
+        except PdcdError:  # nobody waits any longer, and half a session is none
+            self._drop()
+            raise
         self._drop()
         if isinstance(fault, DeviceGone):
             raise fault
@@ -213,7 +238,7 @@ class PtpSession:
         serial = self._serial or (self.info.serial if self.info else None)
         until_ns = self._clock.now_ns() + round(_AGAIN_S * 1e9)
         while True:
-            self._alive()
+            self._patience.look()
             try:
                 self._find(serial)
                 return
@@ -235,7 +260,7 @@ class PtpSession:
             )
         seen = []
         for device in devices:
-            self._transport = Transport(UsbPort(device), self._clock)
+            self._transport = Transport(UsbPort(device, self._patience.look), self._clock)
             info = _greet(self._transport)
             if not serial or serial == info.serial:
                 self.found += 1

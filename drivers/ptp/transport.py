@@ -24,21 +24,22 @@ from .containers import (
     parse_header,
     parse_message,
 )
-from .faults import TransactionMismatch, WireTimeout
+from .faults import TransactionMismatch, WireFault, WireTimeout
 from .usb_port import UsbPort
 
 TRANSACTION_S = 8.0
-"""Longest wait for each transfer of a transaction."""
+"""Longest that a transaction may take, with all its transfers."""
 
 BLOCK_B = 1 << 20
 """Bytes of an object to ask for at a time; 5 MiB upset some bodies."""
 
 _BUFFER_B = BLOCK_B + 1024
 _SMALL_B = 1024
-_MOST_DATA_B = 64 << 20
+_MOST_DATA_B = 2 * BLOCK_B
+"""Of one transaction: no block of a photo is longer, and event lists are far shorter."""
 _MOST_STRAY = 8
 _DRAIN_S = 0.1
-_STATUS_TRIES, _STATUS_STEP_NS = 20, 100_000_000
+_STATUS_S, _STATUS_STEP_NS = 2.0, 100_000_000
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,8 @@ class TransactionReply:
 class Transport:
     """Transactions over a claimed port; raises `WireFault` when one cannot be completed.
 
-    After a fault the two sides may be out of step: call `back_in_step` before the next one.
+    After a fault the two sides may be out of step: call `back_in_step` before the next one. A
+    transaction that was broken off by whoever waits for it is given up at the next one.
     """
 
     def __init__(self, port: UsbPort, clock: Clock) -> None:
@@ -63,6 +65,8 @@ class Transport:
         self._small = array.array("B", bytes(_SMALL_B))
         self._surplus = b""
         self._next_id = 0
+        self._until_ns = 0
+        self._broken_off = False
 
     @property
     def name(self) -> str:
@@ -81,14 +85,27 @@ class Transport:
         timeout_s: float = TRANSACTION_S,
     ) -> TransactionReply:
         """Send an operation and return the camera's response to it, whatever it says."""
+        if self._broken_off:
+            self.back_in_step()
+        self._until_ns = self._clock.now_ns() + round(timeout_s * 1e9)
+        self._broken_off = True
+        try:
+            reply = self._transact(code, params, data)
+        except WireFault:
+            self._broken_off = False  # the ladder knows what to do
+            raise
+        self._broken_off = False
+        return reply
+
+    def _transact(self, code: int, params: tuple[int, ...], data: bytes | None) -> TransactionReply:
         number = self._next_id
         self._next_id = (number + 1) % 0xFFFFFFFF
         command = pack_message(ContainerType.COMMAND, code, number, params)
-        self._port.write(command, timeout_s)
+        self._port.write(command, self._left_s())
         if data is not None:
-            self._port.write(pack_data_header(code, number, len(data)) + data, timeout_s)
+            self._port.write(pack_data_header(code, number, len(data)) + data, self._left_s())
         try:
-            return self._receive(code, number, timeout_s)
+            return self._receive(code, number)
         except WireError as err:
             raise TransactionMismatch(err.message) from err
 
@@ -97,9 +114,10 @@ class Transport:
 
         Raises WireFault when the camera does not get ready.
         """
-        self._surplus = b""
+        self._surplus, self._broken_off = b"", False
         self._port.cancel((self._next_id - 1) % 0xFFFFFFFF)
-        for _ in range(_STATUS_TRIES):
+        until_ns = self._clock.now_ns() + round(_STATUS_S * 1e9)
+        while self._clock.now_ns() < until_ns:
             if self._port.status() == ResponseCode.OK:
                 break
             self._clock.sleep_until_ns(self._clock.now_ns() + _STATUS_STEP_NS)
@@ -126,10 +144,17 @@ class Transport:
         """Release the port."""
         self._port.close()
 
-    def _receive(self, code: int, number: int, timeout_s: float) -> TransactionReply:
+    def _left_s(self) -> float:
+        """What is left of the transaction's time. Raises WireTimeout when it is over."""
+        left_ns = self._until_ns - self._clock.now_ns()
+        if left_ns <= 0:
+            raise WireTimeout("takes too long over one answer")
+        return left_ns * 1e-9
+
+    def _receive(self, code: int, number: int) -> TransactionReply:
         buffer, payload = self._buffer, memoryview(b"")
         for _ in range(_MOST_STRAY):
-            first = self._transfer(buffer, timeout_s)
+            first = self._transfer(buffer)
             if len(first) == 0:  # the empty packet behind a container of whole packets
                 continue
             head = parse_header(first)
@@ -141,7 +166,7 @@ class Transport:
                 if message.kind is ContainerType.RESPONSE and message.transaction == number:
                     return TransactionReply(message.code, message.parameters, payload)
             elif (head.code, head.transaction) == (code, number) and buffer is self._buffer:
-                payload = self._data(first, head.payload_bytes, timeout_s)
+                payload = self._data(first, head.payload_bytes)
                 buffer = self._small  # the data stays where it is
                 continue
             raise TransactionMismatch(
@@ -150,16 +175,18 @@ class Transport:
             )
         raise TransactionMismatch("sends containers without end")
 
-    def _data(self, first: memoryview, need: int | None, timeout_s: float) -> memoryview:
+    def _data(self, first: memoryview, need: int | None) -> memoryview:
         """The payload of the data container that begins with `first`; None: to a short packet."""
         last, piece = first, first[HEADER_BYTES:]
         if not piece and need != 0:  # the header came alone
-            last = piece = self._transfer(self._buffer, timeout_s)
+            last = piece = self._transfer(self._buffer)
         if need is None:
             whole = bytearray(piece)
-            while not self._short(last) and len(whole) <= _MOST_DATA_B:
-                last = self._transfer(self._buffer, timeout_s)
+            while not self._short(last):
+                last = self._transfer(self._buffer)
                 whole += last
+                if len(whole) > _MOST_DATA_B:
+                    raise TransactionMismatch("sends data without end")
             return memoryview(whole)
         if need > _MOST_DATA_B:
             raise TransactionMismatch(f"announces {need} bytes of data")
@@ -170,17 +197,17 @@ class Transport:
         while len(whole) < need:
             if self._short(last):
                 raise TransactionMismatch(f"sent {len(whole)} of {need} bytes of data")
-            last = self._transfer(self._buffer, timeout_s)
+            last = self._transfer(self._buffer)
             whole += last
         self._surplus = bytes(whole[need:])
         return memoryview(whole)[:need]
 
-    def _transfer(self, buffer: array.array[int], timeout_s: float) -> memoryview:
+    def _transfer(self, buffer: array.array[int]) -> memoryview:
         """What came with one transfer, or was left over from the last."""
         if self._surplus:
             kept, self._surplus = self._surplus, b""
             return memoryview(kept)
-        return memoryview(buffer)[: self._port.read_into(buffer, timeout_s)]
+        return memoryview(buffer)[: self._port.read_into(buffer, self._left_s())]
 
     def _short(self, transfer: memoryview) -> bool:
         return len(transfer) == 0 or len(transfer) % self._port.packet_b != 0

@@ -17,7 +17,14 @@ import usb.util
 
 from pdcd.driver import DeviceLost, DriverUnavailable
 
-from .faults import DEVICE, EndpointStall, TransactionMismatch, WireFault, to_wire_fault
+from .faults import (
+    DEVICE,
+    EndpointStall,
+    TransactionMismatch,
+    WireFault,
+    WireTimeout,
+    to_wire_fault,
+)
 from .holders import HINT, build_node_path, describe_holders, list_holders
 
 _CANON = 0x04A9
@@ -26,7 +33,9 @@ _STILL_IMAGE = (6, 1, 1)
 
 _CANCEL, _RESET, _STATUS = 0x64, 0x66, 0x67
 _CLASS_OUT, _CLASS_IN = 0x21, 0xA1
-_CONTROL_S = 1.0
+_CONTROL_S = 0.8
+_STEP_MS = 200
+"""Longest transfer between two looks at who waits for it."""
 _STATUS_B = 64
 _WENT = (errno.ENODEV, errno.ENOENT)
 
@@ -78,10 +87,13 @@ class UsbPort:
 
     Raises DeviceLost when the device may not be opened, naming who holds it; every transfer raises
     a `WireFault`. A halted endpoint is cleared once and the transfer tried again.
+
+    look : called at least every `_STEP_MS`; whatever it raises ends the wait.
     """
 
-    def __init__(self, device: Any) -> None:
+    def __init__(self, device: Any, look: Callable[[], None] = lambda: None) -> None:
         self._device = device
+        self._look = look
         interface = _interface(device)
         if interface is None:
             raise DeviceLost(
@@ -178,19 +190,25 @@ class UsbPort:
             raise TransactionMismatch(f"only {sent} of {len(data)} bytes were taken")
 
     def _twice(self, endpoint: int, data: Any, timeout_s: float, transfer: Any) -> int:
-        timeout_ms = max(1, round(timeout_s * 1e3))
-        try:
-            return int(transfer(endpoint, data, timeout_ms))
-        except usb.core.USBError as err:
-            if not isinstance(to_wire_fault(err), EndpointStall):
-                raise to_wire_fault(err) from err
-        self.clear_halt(endpoint)
-        try:
-            return int(transfer(endpoint, data, timeout_ms))
-        except usb.core.USBError as err:
-            raise to_wire_fault(err) from err
+        left_ms = max(1, round(timeout_s * 1e3))
+        stalled = False
+        while True:
+            self._look()
+            step_ms = min(left_ms, _STEP_MS)
+            try:
+                return int(transfer(endpoint, data, step_ms))
+            except usb.core.USBError as err:
+                fault = to_wire_fault(err)
+                left_ms -= step_ms  # one that timed out has moved nothing, and is begun anew
+                waits = isinstance(fault, WireTimeout) and left_ms > 0
+                if not waits and (stalled or not isinstance(fault, EndpointStall)):
+                    raise fault from err
+            if not waits:
+                self.clear_halt(endpoint)
+                stalled, left_ms = True, max(1, round(timeout_s * 1e3))
 
     def _control(self, kind: int, request: int, data: Any) -> Any:
+        self._look()
         try:
             return self._device.ctrl_transfer(
                 kind, request, 0, self._interface, data, round(_CONTROL_S * 1e3)

@@ -25,6 +25,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.patience import Patience
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError
@@ -358,6 +359,11 @@ def _nobody_listens() -> None:
     """A rig without a watchdog."""
 
 
+def _nobody_cancels() -> bool:
+    """No job that could be cancelled."""
+    return False
+
+
 _T = TypeVar("_T")
 
 
@@ -372,6 +378,8 @@ class DriverContext:
     alive: Callable[[], object] = _nobody_listens
     """A method that waits for a device calls this every few seconds, from the thread that called
     it: so the daemon's watchdog knows that it waits and is not stuck. It never blocks or raises."""
+    cancelled: Callable[[], bool] = _nobody_cancels
+    """Whether the job is to end. `patience` asks it, and says when not to."""
     _made: dict[type, object] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def the(self, kind: type[_T], make: Callable[[], _T]) -> _T:
@@ -384,6 +392,11 @@ class DriverContext:
         if not isinstance(found, kind):
             found = self._made[kind] = make()
         return found
+
+    @property
+    def patience(self) -> Patience:
+        """What each loop that waits for a device asks: sign of life, cancel and deadline in one."""
+        return self.the(Patience, lambda: Patience(self.clock, self.alive, self.cancelled))
 
     def usb_backend(self, name: str = _LIBUSB) -> object | None:
         """The pyusb backend that all devices of this rig are on; None is the machine's libusb.

@@ -43,6 +43,9 @@ _MAX_BYTES = 2**20
 _GAUSSIAN_FROM_E = 1000.0
 """Mean count from which photon noise is drawn as Gaussian: its skewness is then below 0.032."""
 _FULL_WELL_SIGMAS = 4.0
+_PREVIEW_BYTES = 32 << 20
+_LARGEST_PHOTO_BYTES = 1 << 30
+"""Of a sensor whose size is not known."""
 _MAX_ISO = 65535  # what EXIF's PhotographicSensitivity holds
 
 
@@ -132,6 +135,15 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def isos(self) -> tuple[int, ...]:
         """The ISO settings, ascending."""
         return tuple(row.iso for row in self.rows)
+
+    @property
+    def largest_photo_bytes(self) -> int:
+        """What a RAW file of this sensor cannot be longer than: two bytes for each sample and as
+        much again for masked borders and a second plane, beside pictures to look at."""
+        if self.frame_quads is None:
+            return _LARGEST_PHOTO_BYTES
+        width, height = self.frame_quads
+        return 2 * (2 * 4 * width * height) + _PREVIEW_BYTES
 
     def row(self, iso: int) -> IsoRow:
         """Numbers of one ISO setting. Raises `ConfigError` listing those there are."""

@@ -80,7 +80,7 @@ def _by_packets(rig: PtpRig, handle: int, place: str) -> str:
     device, number = transport._port._device, transport._next_id
     transport._next_id += 1
     packets: list[bytes] = []
-    with rig.camera.lock:
+    with rig.camera.session.hold():
         device.write(0x02, struct.pack("<IHHII", 16, 1, Operation.GET_OBJECT, number, handle), 1000)
         while not packets or len(packets[-1]) == PACKET_B:
             packets.append(device.read(0x81, PACKET_B, 1000).tobytes())

@@ -135,7 +135,7 @@ def test_all_that_waits_is_heard_until_the_camera_is_quiet(bench: Bench) -> None
     bench.camera.events.append((gp.GP_EVENT_CAPTURE_COMPLETE, None))
     bench.camera.add("b.cr2", b"x")
     before_ns = bench.clock.now_ns()
-    found = bench.session.drain(bench.clock, 5.0)
+    found = bench.session.drain(5.0)
     assert found == [CameraFile("/", "a.cr2"), CameraFile("/", "b.cr2")]
     assert bench.camera.waits_ms == [50] * 4 and bench.signs == 4
     assert bench.clock.now_ns() == before_ns + 50 * MS
@@ -144,11 +144,11 @@ def test_all_that_waits_is_heard_until_the_camera_is_quiet(bench: Bench) -> None
 def test_a_download_is_a_sign_of_life(bench: Bench) -> None:
     bench.session.open("a")
     bench.camera.files["a.cr2"] = b"abc"
-    assert bench.session.download(CameraFile("/store", "a.cr2")) == b"abc"
+    assert bench.session.download(CameraFile("/store", "a.cr2"), 3) == b"abc"
     assert bench.signs == 1
     bench.camera.broken = failure(gp.GP_ERROR_IO)
     with pytest.raises(DeviceLost, match=r"cannot download a\.cr2"):
-        bench.session.download(CameraFile("/store", "a.cr2"))
+        bench.session.download(CameraFile("/store", "a.cr2"), 3)
 
 
 def test_standard_input_is_what_it_was_whatever_the_library_closes(

@@ -22,7 +22,9 @@ from drivers.ptp.codes import ExposureMode, FocusMode
 from drivers.ptp.eos import EosCamera
 from drivers.ptp.keepalive import KeepAlive
 from drivers.virtual_camera import BULB_BODY, CABLE_BODY, RELEASE_BODY, FaultScript, PlainFilm
+from pdcd.bench.clock import RealClock
 from pdcd.bench.devices import CameraSettings
+from pdcd.bench.patience import Patience
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 from tests.places import ROOT
 from tests.ptp_rig import SETTINGS, PtpRig
@@ -222,7 +224,7 @@ def test_a_tick_keeps_the_camera_on_and_leaves_a_busy_one_alone(rig: PtpRig) -> 
     kept = rig.body.kept_on
     rig.camera.tick()
     assert rig.body.kept_on == kept + 1
-    with rig.camera.lock:
+    with rig.camera.session.hold():
         other = threading.Thread(target=rig.camera.tick)
         other.start()
         other.join()
@@ -375,7 +377,8 @@ def test_what_a_camera_says_when_nobody_holds_it_is_logged_but_no_fault_of_ours(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     def camera(error: Exception) -> Any:
-        return SimpleNamespace(close=Mock(side_effect=error))
+        patience = Patience(RealClock())
+        return SimpleNamespace(close=Mock(side_effect=error), patience=patience)
 
     EosCamera.let_go(camera(DeviceLost("unplugged", device="camera")), "shutter")
     assert "unplugged" in caplog.text

@@ -26,6 +26,7 @@ from drivers.ptp.faults import (
 from drivers.ptp.session import LONGEST_OPERATION_S, PtpSession
 from drivers.ptp.transport import TRANSACTION_S, TransactionReply
 from pdcd.bench.clock import VirtualClock
+from pdcd.bench.patience import Patience
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 
 INFO = DeviceInfo("Canon Inc.", "Canon EOS 450D", "3-1.0.4", "0001", (0x1001,))
@@ -124,7 +125,7 @@ class Bench:
             return [camera for camera in bench.cameras if camera.on_bus]
 
         patch.setattr(module, "Transport", Transport)
-        patch.setattr(module, "UsbPort", lambda camera: camera)
+        patch.setattr(module, "UsbPort", lambda camera, look: camera)
         patch.setattr(module, "find_cameras", find)
 
     def sleep(self, seconds: float) -> None:
@@ -139,7 +140,9 @@ class Bench:
         self.signs += 1
 
     def closed_session(self, serial: str | None = None) -> PtpSession:
-        return PtpSession(None, self.clock, self.restore, serial=serial, alive=self.alive)
+        return PtpSession(
+            None, self.clock, self.restore, serial=serial, patience=Patience(self.clock, self.alive)
+        )
 
     def session(self, serial: str | None = None) -> PtpSession:
         made = self.closed_session(serial)

@@ -11,6 +11,7 @@ import errno
 import struct
 from contextlib import suppress
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import usb.core
@@ -28,7 +29,7 @@ from drivers.ptp.faults import (
 )
 from drivers.ptp.transport import BLOCK_B, Transport
 from pdcd.bench.clock import VirtualClock
-from pdcd.errors import DeviceLost
+from pdcd.errors import Cancelled, DeviceLost
 
 PACKET_B = 512
 
@@ -222,9 +223,10 @@ def test_transactions_are_numbered_from_0_up_to_the_one_that_means_all() -> None
     assert port.done == ["usb reset", "close"] and wire.name == "scripted"
 
 
-def test_64_mib_of_data_are_taken_and_not_a_byte_more() -> None:
-    whole = 64 << 20
-    for size, words in ((whole, "of 67108864 bytes"), (whole + 1, "announces 67108865 bytes")):
+def test_2_mib_of_data_are_taken_and_not_a_byte_more() -> None:
+    """Event lists of 60 MiB, and objects of 4 GiB, are no answers to anything that is asked."""
+    whole = 2 << 20
+    for size, words in ((whole, "of 2097152 bytes"), (whole + 1, "announces 2097153 bytes")):
         head = struct.pack("<IHHI", 12 + size, DATA, READ, 0) + bytes(500)
         with pytest.raises(TransactionMismatch, match=words):
             transport(Port(head, ok(0))).transact(READ)
@@ -282,3 +284,44 @@ def test_each_error_of_libusb_has_its_kind(
     fault = to_wire_fault(error)
     assert type(fault) is kind and words in str(fault)
     assert isinstance(fault, DeviceLost) and fault.device == "camera" and fault.hint
+
+
+class Dribble(Port):
+    """Sends a reply a packet at a time, each so many seconds after the last."""
+
+    packet_b = 1
+
+    def __init__(self, clock: VirtualClock, every_s: float, *transfers: bytes) -> None:
+        super().__init__(*transfers)
+        self.clock, self.every_s = clock, every_s
+
+    def read_into(self, buffer: array.array[int], timeout_s: float) -> int:
+        wait_s = min(self.every_s, timeout_s)
+        self.clock.sleep_until_ns(self.clock.now_ns() + round(wait_s * 1e9))
+        if wait_s < self.every_s:
+            raise WireTimeout("does not answer")
+        return super().read_into(buffer, timeout_s)
+
+
+def test_a_reply_that_comes_a_byte_at_a_time_is_given_up_in_the_time_of_a_transaction() -> None:
+    clock = VirtualClock()
+    begun_ns = clock.now_ns()
+    head = struct.pack("<IHHI", 12 + 10_000, DATA, READ, 0)
+    port: Any = Dribble(clock, 0.1, head, *[b"x"] * 10_000)
+    with pytest.raises(WireTimeout):
+        Transport(port, clock).transact(READ)
+    assert clock.now_ns() - begun_ns == pytest.approx(8e9, abs=1e6)
+
+
+def test_what_was_broken_off_is_cancelled_before_the_next_transaction() -> None:
+    port = Port(ok(0))
+    wire = transport(port)
+    wire.transact(READ)
+    read, port.read_into = port.read_into, Mock(side_effect=Cancelled("enough"))  # type: ignore[method-assign]
+    with pytest.raises(Cancelled):
+        wire.transact(READ)
+    assert port.cancelled == []
+    port.read_into = read  # type: ignore[method-assign]
+    port.transfers = [b"", ok(2)]
+    assert wire.transact(READ).code == ResponseCode.OK
+    assert port.cancelled == [1]
