@@ -7,7 +7,8 @@ this end however this process ends, and that end is the last word.
 A guardian is born with every signal blocked: whoever ends or kills a whole service, or the watchdog
 that sends SIGABRT to all of it, means the daemon, and then the guardian has its part still to do.
 SIGKILL and SIGSTOP cannot be blocked, so an armed guardian is looked after by a thread of this
-process, which puts another in the place of one that does not answer.
+process, which puts another in the place of one that does not answer. And the other way round: an
+armed guardian that hears nothing for `FROZEN_S` takes this process for frozen.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ GUARD_LOOK_S = 0.1
 HEARD_S = 0.3
 """What its answer may take then: one that is dead, stopped or stuck is noticed after `GUARD_LOOK_S`
 and this at the latest. One that was only slow is replaced too, which does no harm."""
+FROZEN_S = 10.0
+"""Of silence, after which an armed guardian does not wait any longer."""
 _END_S = 5.0
 """Bound of the end of a guardian that has little left to do."""
 

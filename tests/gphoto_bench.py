@@ -11,6 +11,7 @@ import gphoto2 as gp
 import numpy as np
 import pytest
 
+from drivers.gphoto import camera as camera_module
 from drivers.gphoto.camera import GphotoReadout, GphotoShutter
 from drivers.gphoto.session import GphotoSession
 from pdcd.bench.clock import VirtualClock
@@ -75,11 +76,31 @@ class Camera(FakeCamera):
         super().file_get(folder, name, kind, into, context)
 
 
+class Guard:
+    """Takes the place of the process that guards the shutter; `words` is what it was told."""
+
+    def __init__(self, command: tuple[str, ...], answer_s: float) -> None:
+        self.words: list[str] = []
+
+    def insist(self, word: str) -> None:
+        self.words.append(word)
+
+    def arm(self, word: Callable[[], str]) -> None:
+        self.words.append(word())
+
+    def disarm(self) -> None:
+        self.words.append("disarm")
+
+    def stop(self, *, wait: bool) -> None:
+        self.words.append(f"stop {wait}")
+
+
 class Bench:
     def __init__(self, patch: pytest.MonkeyPatch, root: Path, **options: Any) -> None:
         self.clock = VirtualClock()
         self.camera = Camera(self.clock)
         patch.setattr(gp, "Camera", lambda: self.camera)
+        patch.setattr(camera_module, "ShutterGuard", Guard)
         config = Config(
             rig=RigConfig(clock="real"),
             camera=CameraConfig(

@@ -2,17 +2,19 @@
 
 Never run on a real camera. Not modelled: cameras without the setting ``bulb`` (most Nikons have
 it; others need a trigger of their own), long-exposure noise reduction, which must be off in the
-camera's menu. A process that is killed cannot end a bulb exposure over USB: use the driver
-``serial`` where that matters.
+camera's menu.
 """
 
 from __future__ import annotations
 
 import hashlib
 import logging
+import sys
 import weakref
 from contextlib import suppress
 from pathlib import Path, PurePath
+
+import msgspec
 
 from pdcd.driver import (
     RAW_SUFFIXES,
@@ -34,10 +36,15 @@ from pdcd.driver import (
     responsivity_e,
 )
 
+from ..guard import ShutterGuard
 from .session import CameraFile, GphotoSession
 
 logger = logging.getLogger(__name__)
 
+GPHOTO_GUARDIAN: tuple[str, ...] = (sys.executable, "-P", "-m", f"{__package__}.guardian")
+"""Ends an exposure should this process be killed; the camera's options and its line follow."""
+_ANSWER_S = 20.0
+"""Bound of the guardian's answers; its start takes half a second."""
 _TARGETS = {"ram": "Internal RAM", "card": "Memory card"}
 _SLICE_S = 0.5
 """Longest single wait for an event."""
@@ -54,7 +61,8 @@ the exposure once more, which noise reduction takes."""
 class GphotoShutter:
     """Opens and closes by the camera's setting ``bulb``.
 
-    The shutter is closed when the driver is disconnected, forgotten, or the interpreter ends.
+    The shutter is closed when the driver is disconnected, forgotten, or the interpreter ends; when
+    the process is killed, another one does it (`drivers.gphoto.guardian`).
     """
 
     maturity = "experimental"
@@ -64,6 +72,8 @@ class GphotoShutter:
         self._clock = clock
         self._sure_ns = config.sure_ns
         self._begun_ns = 0
+        options = msgspec.json.encode(session.options).decode()
+        self._guard = ShutterGuard((*GPHOTO_GUARDIAN, options), answer_s=_ANSWER_S)
         weakref.finalize(self, _close_forgotten, session)
 
     @classmethod
@@ -79,6 +89,7 @@ class GphotoShutter:
         with suppress(PdcdError):  # most cameras refuse to end what has not begun
             self._session.set("bulb", 0)
         self._ended()
+        self._guard.insist("disarm")
         return {"model": "gphoto2 bulb", "port": self._session.options.port or "usb"}
 
     def open(self) -> int:
@@ -86,6 +97,7 @@ class GphotoShutter:
 
         Raises DeviceLost; `close` must then be called, and ends it if it did start.
         """
+        self._guard.arm(lambda: "arm")  # before it is open: a kill may come at any time
         self._session.shutter_open, self._begun_ns = True, self._clock.now_ns()
         self._session.set("bulb", 1)
         return self._settled_ns()
@@ -110,6 +122,8 @@ class GphotoShutter:
         try:
             self.close()
         finally:
+            # One that has a shutter to close may take long, and waits until the camera is free.
+            self._guard.stop(wait=not self._session.shutter_open)
             self._session.shutter_open = False
             self._session.close("shutter")
 
@@ -141,6 +155,7 @@ class GphotoShutter:
             stray_ns = round(_STRAY_S * 1e9)
             self._session.photo_due_ns = now_ns + (now_ns - self._begun_ns) + stray_ns
         self._session.shutter_open = False
+        self._guard.disarm()
 
     def _settled_ns(self) -> int:
         sure_ns = self._clock.now_ns() + self._sure_ns

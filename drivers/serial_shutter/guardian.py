@@ -8,15 +8,16 @@ in       out                  meaning
 ======== ==================== =====================================================
 arm S    ok                   release the shutter unless told otherwise within S seconds, and
                               every `AGAIN_S` from then on
-disarm   ok, fired, lost      the shutter is closed; whether it was this process that did it,
-                              or tried to, since the last arm or disarm
+disarm   ok, fired, lost,     the shutter is closed; whether it was this process that did it (or
+         silent               tried to) since the last arm or disarm, as time was up or nobody spoke
 look     the same             nothing changes: whether this process is there
 (end)                         the daemon is gone or done: release if armed, then end
 ======== ==================== =====================================================
 
 The kernel closes the daemon's end however the daemon ends, so SIGKILL and segmentation faults
-count as well. It is born with all signals blocked (`drivers.guard`); the only thing that it does
-not survive is SIGKILL.
+count as well. An armed guardian that hears nothing for `_FROZEN_S` takes the daemon for frozen:
+whoever looks after it there speaks ten times a second. It is born with all signals blocked
+(`drivers.guard`); the only thing that it does not survive is SIGKILL.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ _LINES = {"rts": termios.TIOCM_RTS, "dtr": termios.TIOCM_DTR}
 AGAIN_S = 1.0
 """How often the shutter is released once the time is up, while nobody says that it is closed: a
 port may not have taken it, and a daemon that was stopped may send its command to open only then."""
+_FROZEN_S = 10.0
+"""As in `drivers.guard`, which is not imported here."""
 _TRIES = 3
 _ROOM_MS = 500
 
@@ -71,13 +74,17 @@ def release_shutter(port: int, how: str, value: str) -> bool:
 def run_serial_guardian(port: int, how: str, value: str, talk: socket.socket) -> None:
     """Serve until the other end is gone."""
     deadline_s: float | None = None
-    state = b"ok"
+    heard_s, state, why = time.monotonic(), b"ok", b""
     while True:
-        wait_s = None if deadline_s is None else max(0.0, deadline_s - time.monotonic())
+        wait_s = None
+        if deadline_s is not None:
+            wait_s = max(0.0, min(deadline_s, heard_s + _FROZEN_S) - time.monotonic())
         if not select.select([talk], [], [], wait_s)[0]:
-            state = b"fired" if release_shutter(port, how, value) else b"lost"
-            deadline_s = time.monotonic() + AGAIN_S
+            why = why or (b"fired" if time.monotonic() >= (deadline_s or 0.0) else b"silent")
+            state = why if release_shutter(port, how, value) else b"lost"
+            deadline_s = heard_s = time.monotonic() + AGAIN_S
             continue
+        heard_s = time.monotonic()
         try:
             word = talk.recv(64)
         except OSError:  # the daemon died with an answer unread
@@ -88,9 +95,9 @@ def run_serial_guardian(port: int, how: str, value: str, talk: socket.socket) ->
             return
         verb, _, seconds = word.decode("ascii").partition(" ")
         if verb == "arm":
-            deadline_s, state = time.monotonic() + float(seconds), b"ok"
+            deadline_s, state, why = time.monotonic() + float(seconds), b"ok", b""
         elif verb == "disarm":
-            deadline_s = None
+            deadline_s, why = None, b""
         with contextlib.suppress(OSError):
             talk.send(state)
         if verb == "disarm":

@@ -17,7 +17,7 @@ from typing import Protocol
 
 from pdcd.driver import DeviceLost, PdcdError
 
-from ..guard import ShutterGuard
+from ..guard import FROZEN_S, ShutterGuard
 from .guardian import AGAIN_S, release_shutter
 
 logger = logging.getLogger(__name__)
@@ -82,20 +82,23 @@ class Guardian:
         state = self._guard.ask("look")
         if not state:
             self._guard.look()
-        return self._out_of_time() if state in (b"fired", b"lost") else self._ended
+        return self._why(state) or self._ended
 
     def disarm(self) -> str:
         """As the Protocol says; a guardian that died has done nothing."""
-        fired = self._guard.disarm() in (b"fired", b"lost")
+        why = self._why(self._guard.disarm())
         ended, self._ended = self._ended, ""
-        return self._out_of_time() if fired else ended
+        return why or ended
 
     def stop(self) -> None:
         """End the process; it closes the shutter first if that is open."""
         self._guard.stop()
 
-    def _out_of_time(self) -> str:
-        return f"it lasted {self._limit_s:g} s"
+    def _why(self, state: bytes) -> str:
+        """In words, "" where it has not ended the exposure."""
+        if state == b"silent":
+            return f"nothing was heard of the daemon for {FROZEN_S:g} s"
+        return f"it lasted {self._limit_s:g} s" if state in (b"fired", b"lost") else ""
 
 
 class Alarm:

@@ -52,10 +52,13 @@ class Patience:
 
     def sleep(self, seconds: float) -> None:
         """Wait on the rig's clock, looking often enough."""
-        until_ns = self._clock.now_ns() + round(seconds * 1e9)
+        self.sleep_until_ns(self._clock.now_ns() + round(seconds * 1e9))
+
+    def sleep_until_ns(self, t_ns: int) -> None:
+        """The same, until that time of it."""
         self.look()
-        while (now_ns := self._clock.now_ns()) < until_ns:
-            self._clock.sleep_until_ns(min(until_ns, now_ns + round(LOOK_S * 1e9)))
+        while (now_ns := self._clock.now_ns()) < t_ns:
+            self._clock.sleep_until_ns(min(t_ns, now_ns + round(LOOK_S * 1e9)))
             self.look()
 
     def within(self, seconds: float, over: _Over) -> AbstractContextManager[None]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,7 +17,13 @@ from pdcd.bench.choosing import CALIBRATIONS_FOLDER, find_other_device, lock_cal
 from pdcd.bench.folders import find_state_dir
 from pdcd.bench.measured import CalibrationChoice, choose_calibration, link_calibration
 from pdcd.bench.tables import Config, SceneConfig
-from pdcd.capture.job import EngineJob, make_failure, make_planning_watch
+from pdcd.capture.job import (
+    EngineJob,
+    make_failure,
+    make_planning_watch,
+    mark_kept,
+    mark_unsafe,
+)
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import CaptureRun
 from pdcd.capture.worker.answers import RigFacts
@@ -70,18 +77,6 @@ def _failure(err: Exception, what: str, job: str) -> PdcdError:
     return typed
 
 
-def _unsafe(result: CaptureResult) -> CaptureResult:
-    """The result of a job after which the rig could not be made safe."""
-    text = "the panels may still be lit, or the shutter open: see the log"
-    return msgspec.structs.replace(result, warnings=(*result.warnings, text))
-
-
-def _kept_in(result: CaptureResult, steps: tuple[str, ...]) -> CaptureResult:
-    """The result of a calibration that stopped, with what it found until then."""
-    text = f"kept: {', '.join(steps)}; pdcd calibrate goes on from there"
-    return msgspec.structs.replace(result, warnings=(*result.warnings, text))
-
-
 def _used(result: CaptureResult, config: Config) -> CaptureResult:
     """The result of a calibration, with whether it is the one in use from now on."""
     used = Path(config.calibration.use).resolve() == Path(str(result.folder)).resolve()
@@ -97,6 +92,7 @@ class Engine:
         self._asked, self._make_worker = config, worker
         self._note = ""
         self._held: int | None = None
+        self._broken_off = threading.Event()
         self._set_up(choose_calibration(config))
 
     def _set_up(self, chosen: CalibrationChoice) -> None:
@@ -105,11 +101,15 @@ class Engine:
             logger.info("%s", chosen.words, extra={"for_people": True})
         self._note = chosen.words
         config = with_grid(chosen.config)
-        rig, profile = Rig(config), load_profile(config.camera.profile)
+        rig, profile = self._make_rig(config), load_profile(config.camera.profile)
         self._worker = self._make_worker(
             RigFacts(config, profile, rig.grid, rig.scene, rig.cells_meet)
         )
         self._config, self._rig, self._profile = config, rig, profile
+
+    def _make_rig(self, config: Config) -> Rig:
+        rig = self._in_use = Rig(config, self._broken_off.is_set)
+        return rig
 
     @classmethod
     def from_config(cls, config: Config) -> Engine:
@@ -165,6 +165,15 @@ class Engine:
             self._rig.disconnect()
         finally:
             self._worker.stop()
+
+    def break_off(self) -> None:
+        """Have all drivers stop waiting, for good: the process is to end. For any thread."""
+        self._broken_off.set()
+
+    def make_safe_beside(self, within_s: float) -> bool:
+        """Panels black and shutter closed, asked from another thread than that of the engine, which
+        hangs in a driver; whether both are, within that time each."""
+        return self._in_use.make_safe_beside(within_s)
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -239,11 +248,12 @@ class Engine:
         look_for_cancel()
         choice = is_search_needed(request)
         camera = self._rig.camera
-        # A plain plan does without a real camera that is not open.
-        if camera is None and (choice or (self._rig.mock and is_camera_needed(request))):
-            camera = self._rig.look_at_camera()
-        asked = choice or is_lag_needed(request, self._config)
-        lag_s = self._rig.mask_lag_s() if asked else None
+        with self._rig.pulse.of_job(cancelled):
+            # A plain plan does without a real camera that is not open.
+            if camera is None and (choice or (self._rig.mock and is_camera_needed(request))):
+                camera = self._rig.look_at_camera()
+            asked = choice or is_lag_needed(request, self._config)
+            lag_s = self._rig.mask_lag_s() if asked else None
         watch = make_planning_watch(emit, look_for_cancel)
         return self._worker.do(watch, Worker.plan, request, dict(given), camera, lag_s).summary
 
@@ -323,9 +333,9 @@ class Engine:
         With `report` it gets its page (`pdcd.pages.report`) at once, if that costs little.
         """
         ordered = EngineJob(job, request, owner, emit, cancelled, given, report)
-        self._rig.pulse.heard_by = cancelled
         safe, folder, run, failure = False, None, None, None
         with ExitStack() as held:
+            held.enter_context(self._rig.pulse.of_job(cancelled))
             try:
                 place = parent or held.enter_context(HeldFolder.at(self._out(request)))
                 folder = held.enter_context(RunFolder(place, job))
@@ -345,7 +355,7 @@ class Engine:
                 result = make_failure(
                     job, folder, now_ns, failure, safe=safe, taken=taken, warnings=warnings
                 )
-        return result if safe else _unsafe(result)
+        return result if safe else mark_unsafe(result)
 
     def calibrate(
         self,
@@ -369,9 +379,9 @@ class Engine:
         from pdcd.capture.calibrate import FOLDERS, CalibrationRun  # no start waits for the steps
 
         rig = self._rig if request.subject == "scene" else self._with_card()
-        rig.pulse.heard_by = cancelled
         safe, folder, failure, run = False, None, None, None
         with ExitStack() as held:
+            held.enter_context(rig.pulse.of_job(cancelled))
             try:
                 place = held.enter_context(HeldFolder.at(out or self._calibrations))
                 folder = held.enter_context(RunFolder(place, job, below=FOLDERS))
@@ -390,6 +400,7 @@ class Engine:
                 safe = rig.make_safe()
                 if rig is not self._rig:
                     rig.disconnect()
+                    self._in_use = self._rig
                     self._rig.connect()
             whole = failure is None or (run is not None and run.ended_whole)
             if failure is not None:
@@ -397,8 +408,8 @@ class Engine:
                 result = make_failure(job, folder, now_ns, failure, safe=safe, log=not whole)
                 result = msgspec.structs.replace(result, passed=False)
                 if whole and run is not None:
-                    result = _kept_in(result, run.kept)
-        result = result if safe else _unsafe(result)
+                    result = mark_kept(result, run.kept)
+        result = result if safe else mark_unsafe(result)
         # Only now: it is another rig that goes on.
         if whole and not isinstance(failure, DeviceLost):
             self._adopt()
@@ -415,7 +426,7 @@ class Engine:
             return self._rig
         rows, cols = self.grid
         scene = SceneConfig(kind=CARD, grid=(rows, cols), ambient=self._config.scene.ambient)
-        rig = Rig(msgspec.structs.replace(self._config, scene=scene))
+        rig = self._make_rig(msgspec.structs.replace(self._config, scene=scene))
         self._rig.disconnect()
         try:
             rig.connect()

@@ -314,3 +314,15 @@ def make_failure(
         summary={} if taken is None else {"taken": taken},
         warnings=merge_warnings(warnings),
     )
+
+
+def mark_unsafe(result: CaptureResult) -> CaptureResult:
+    """The result of a job after which the rig could not be made safe."""
+    text = "the panels may still be lit, or the shutter open: see the log"
+    return msgspec.structs.replace(result, warnings=(*result.warnings, text))
+
+
+def mark_kept(result: CaptureResult, steps: tuple[str, ...]) -> CaptureResult:
+    """The result of a calibration that stopped, with what it found until then."""
+    text = f"kept: {', '.join(steps)}; pdcd calibrate goes on from there"
+    return msgspec.structs.replace(result, warnings=(*result.warnings, text))

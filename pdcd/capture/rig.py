@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
@@ -31,6 +32,7 @@ from pdcd.bench.exposure_time import tell_exposure_time, with_exposure_times, wi
 from pdcd.bench.placed import find_place_faults
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
+from pdcd.capture.safety import make_safe, make_safe_beside
 from pdcd.errors import (
     Cancelled,
     ConfigError,
@@ -51,8 +53,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-_SAFE_TRIES = 3
-"""How often a device that fails is asked to go black or to close before it is given up."""
 _LAST_PHOTOS = 9
 """Photos by whose median it is known what a photo costs."""
 
@@ -81,29 +81,47 @@ class RigExposure:
 
 
 class _Pulse:
-    """Passes the drivers' signs of life on to whoever runs the job."""
+    """Passes the drivers' signs of life on to whoever runs the job, and its cancel to them."""
 
-    def __init__(self) -> None:
+    def __init__(self, broken_off: Callable[[], bool]) -> None:
         self.heard_by: Callable[[], object] | None = None
+        self._broken_off = broken_off
 
     def __call__(self) -> None:
         """One sign of life, from the thread that runs the job."""
         if self.heard_by is not None:
             self.heard_by()
 
+    @contextmanager
+    def of_job(self, cancelled: Callable[[], bool]) -> Iterator[None]:
+        """Let them go to a job, and its cancel to the drivers."""
+        self.heard_by = cancelled
+        try:
+            yield
+        finally:
+            self.heard_by = None
+
+    def cancelled(self) -> bool:
+        """Whether drivers are to stop waiting."""
+        return self._broken_off() or (self.heard_by is not None and self.heard_by() is True)
+
 
 class Rig:
     """Display, shutter and readout of a configuration, on one clock."""
 
-    def __init__(self, config: Config) -> None:
-        """Raises ConfigError for a place on the field that a device cannot have, before any driver
+    def __init__(self, config: Config, broken_off: Callable[[], bool] = lambda: False) -> None:
+        """`broken_off()`: whether nothing is to be waited for any more, asked in any thread.
+
+        Raises ConfigError for a place on the field that a device cannot have, before any driver
         is made; DriverUnavailable for a driver that is not there."""
         for device, why in find_place_faults(config):
             raise ConfigError(f"{device}.place: {why}", device=device)
         self.config = config
         self.clock: Clock = VirtualClock() if config.rig.clock == "virtual" else RealClock()
-        self.pulse = _Pulse()
-        context = DriverContext(config=config, clock=self.clock, alive=self.pulse)
+        self.pulse = pulse = _Pulse(broken_off)
+        context = DriverContext(
+            config=config, clock=self.clock, alive=pulse, cancelled=pulse.cancelled
+        )
         self._context = context
         classes = {
             "display": load_driver("display", config.display.driver),
@@ -264,29 +282,25 @@ class Rig:
     def disconnect(self) -> None:
         """Make safe, then release all devices; goes on past a device that fails."""
         self.make_safe()
-        for device in (self.readout, self.shutter, self.display):
-            try:
-                device.disconnect()
-            except Exception as err:
-                logger.warning("not released device=%s error=%s", type(device).__name__, err)
+        with self._context.patience.deaf():
+            for device in (self.readout, self.shutter, self.display):
+                try:
+                    device.disconnect()
+                except Exception as err:
+                    logger.warning("not released device=%s error=%s", type(device).__name__, err)
 
     def make_safe(self) -> bool:
-        """Both panels black and the shutter closed, whatever state the devices are in.
+        """Both panels black and the shutter closed; whether they are. See `pdcd.capture.safety`."""
+        return make_safe(self.display, self.shutter, self._context.patience)
 
-        A device that fails is asked again; what cannot be made safe is logged as critical, and
-        False is returned.
-        """
-        safe = True
-        for name, action in (("display", self.display.black), ("shutter", self.shutter.close)):
-            for left in range(_SAFE_TRIES - 1, -1, -1):
-                try:
-                    action()
-                    break
-                except Exception as err:
-                    safe = safe and left > 0
-                    level = logging.WARNING if left else logging.CRITICAL
-                    logger.log(level, "not safe device=%s error=%s tries_left=%d", name, err, left)
-        return safe
+    def make_safe_beside(self, within_s: float) -> bool:
+        """The same from another thread, while the rig's own may hang in a driver."""
+        return make_safe_beside(self.display, self.shutter, self._context.patience, within_s)
+
+    def _close(self) -> int:
+        """Close the shutter, cancelled or not."""
+        with self._context.patience.deaf():
+            return self.shutter.close()
 
     def refusal(self, frames: Frames) -> str | None:
         """Why the display takes no such frames, in words; None where it does. Asked of frames of
@@ -331,7 +345,7 @@ class Rig:
         self._arming_ns = self.clock.now_ns() - black_ns
         notify(ShotArmed(shot=name, frames=len(frames)))
         tell_exposure_time(self.shutter, settings)
-        self.clock.sleep_until_ns(black_ns + settle_ns)
+        self._context.patience.sleep_until_ns(black_ns + settle_ns)
         shared = self._context.shared
         shared.exposed_ns = shared.played = None
         shared.moving = moving is not None
@@ -345,7 +359,7 @@ class Rig:
             return RigExposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
         open_ns = self.shutter.open()
         notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
-        self.clock.sleep_until_ns(open_ns + settle_ns)
+        self._context.patience.sleep_until_ns(open_ns + settle_ns)
         try:
             log = self.display.play(progress, cancelled)
         except SyncError:
@@ -354,8 +368,8 @@ class Rig:
         check_row_times(log)
         shared.played = (frames, log)
         self.display.black()
-        self.clock.sleep_until_ns(int(log.end_ns.max()) + settle_ns)
-        close_ns = self.shutter.close()
+        self._context.patience.sleep_until_ns(int(log.end_ns.max()) + settle_ns)
+        close_ns = self._close()
         shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
         return RigExposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
@@ -400,7 +414,7 @@ class Rig:
         """End an exposure that was given up, and take its file: left in the camera, it would pass
         for the next one."""
         self.display.black()
-        close_ns = self.shutter.close()
+        close_ns = self._close()
         self._context.shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
         self._fetched(folder, name)

@@ -3,14 +3,13 @@
 Socket and state folder are claimed before a device is touched, so that two daemons never share a
 rig or a folder; clients that come early wait in the backlog until the engine has started. Whatever
 ends the daemon, the running job ends first (with the panels black and the shutter closed), then the
-engine.
+engine; all of it in time, whatever a driver does (`pdcd.server.ending`).
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import signal
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -19,12 +18,13 @@ from socket import socket as Socket  # noqa: N812 - `socket` is a path here
 
 from pdcd.bench.folders import find_socket_path, find_state_dir
 from pdcd.bench.tables import Config, ServerConfig
-from pdcd.errors import ConfigError, DriverUnavailable, PdcdError
+from pdcd.errors import Cancelled, ConfigError, DriverUnavailable, PdcdError
 from pdcd.protocol.events import ENDS, THINNED, DecodingProgress, Event, PlanningProgress, Progress
 from pdcd.server import log
 from pdcd.server.access import Access
 from pdcd.server.aside import call_in_thread
 from pdcd.server.connections import Server
+from pdcd.server.ending import catch_end
 from pdcd.server.jobs import EngineLike, Job
 from pdcd.server.listening import open_listener
 from pdcd.server.lock import hold_lock_file
@@ -68,13 +68,21 @@ def run_daemon(
 async def _run(config: Config, socket: Path | None, engine_factory: _EngineFactory) -> int:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stop.set)
-    try:
-        await serve_daemon(config, socket=socket, engine_factory=engine_factory, stop=stop)
-    except PdcdError as err:
-        logger.error("cannot serve: %s", err)
-        return _EXIT_CONFIG if isinstance(err, ConfigError | DriverUnavailable) else _EXIT_FAILED
+    with catch_end(lambda: loop.call_soon_threadsafe(stop.set)) as ending:
+
+        def make_engine(config: Config) -> EngineLike:
+            engine = engine_factory(config)
+            ending.watch(engine)
+            return engine
+
+        try:
+            await serve_daemon(config, socket=socket, engine_factory=make_engine, stop=stop)
+        except PdcdError as err:
+            if stop.is_set() and isinstance(err, Cancelled):
+                return _EXIT_DONE
+            logger.error("cannot serve: %s", err)
+            wrong = isinstance(err, ConfigError | DriverUnavailable)
+            return _EXIT_CONFIG if wrong else _EXIT_FAILED
     return _EXIT_DONE
 
 

@@ -61,6 +61,15 @@ class EngineLike(Protocol):
         """Panels black, shutter closed, devices released. Idempotent."""
         ...
 
+    def break_off(self) -> None:
+        """Have all drivers stop waiting, for good. Of these, for any thread."""
+        ...
+
+    def make_safe_beside(self, within_s: float) -> bool:
+        """Panels black and shutter closed while another call hangs; whether they are, within that
+        time each. For any thread."""
+        ...
+
     def describe(self) -> RigView:
         """The rig as found."""
         ...

@@ -14,6 +14,9 @@ from typing import ParamSpec, TypeVar
 
 from pdcd.server.aside import Outcome
 
+ENGINE_THREAD = "pdcd-engine"
+"""What its name begins with."""
+
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
@@ -22,7 +25,7 @@ class EngineThread:
     """Runs calls one after the other in one thread of its own."""
 
     def __init__(self) -> None:
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="pdcd-engine")
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=ENGINE_THREAD)
         self._probe: Future[None] | None = None
         self.beats = 0
         """Grows while the thread lives; written by the thread, read by the watchdog."""

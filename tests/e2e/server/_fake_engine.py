@@ -65,6 +65,13 @@ class FakeEngine:
     def stop(self) -> None:
         self._note("stop")
 
+    def break_off(self) -> None:
+        """Nothing here waits for a device."""
+
+    def make_safe_beside(self, within_s: float) -> bool:
+        self.shutter_open, self.lit = False, None
+        return True
+
     def describe(self) -> RigView:
         self._note("describe")
         return RigView(name=self.config.rig.name, mock=False, grid=(4, 6), drivers={})

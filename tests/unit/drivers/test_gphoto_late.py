@@ -10,6 +10,7 @@ from pathlib import Path
 
 import gphoto2 as gp
 
+from drivers.gphoto.guardian import close_bulb
 from pdcd.bench.devices import CameraSettings
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, ExposureError
 from tests.fake_gphoto import Setting, failure
@@ -142,3 +143,35 @@ def test_a_target_that_is_not_there_names_the_one_that_is(bench: Bench) -> None:
     bench.camera.settings["capturetarget"] = Setting("Memory card", ("Memory card",))
     with pytest.raises(ConfigError, match=r'Memory card \(set destination = "card"'):
         bench.readout.connect()
+
+
+def test_a_shutter_is_guarded_before_it_opens_until_it_is_surely_closed(bench: Bench) -> None:
+    told: list[str] = bench.shutter._guard.words  # type: ignore[attr-defined]
+    heard: list[list[str]] = []
+    bench.camera.on_bulb = lambda _: heard.append(list(told))
+    bench.shutter.connect()
+    told.clear()
+    bench.shutter.open()
+    bench.shutter.close()
+    assert heard[-2:] == [["arm"], ["arm"]] and told == ["arm", "disarm"]
+    bench.shutter.open()
+    bench.camera.refuses_bulb = failure(gp.GP_ERROR)
+    with pytest.raises(DeviceLost):
+        bench.shutter.disconnect()
+    assert told[2:] == ["arm", "stop False"]  # which closes it once the camera is free
+
+
+@pytest.mark.parametrize("refuses", [None, gp.GP_ERROR, gp.GP_ERROR_IO])
+def test_its_guardian_ends_the_exposure_of_a_camera_that_is_free(
+    bench: Bench, refuses: int | None
+) -> None:
+    """A camera that refuses holds none; one that is lost is tried again."""
+    if refuses is not None:
+        bench.camera.refuses_bulb = failure(refuses)
+    if refuses == gp.GP_ERROR_IO:
+        with pytest.raises(DeviceLost):
+            close_bulb(bench.session.options)
+    else:
+        close_bulb(bench.session.options)
+    assert bench.camera.written == ([("bulb", 0)] if refuses is None else [])
+    assert bench.camera.opened == 0

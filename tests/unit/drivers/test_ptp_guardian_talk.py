@@ -1,17 +1,21 @@
-"""The camera's guardian by itself: what it answers, and how long it tries to close the shutter."""
+"""A camera's guardian by itself: what it answers, when it ends its parent, and how long it tries to
+close the shutter."""
 
 from __future__ import annotations
 
 import logging
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import msgspec
 import pytest
 
+from drivers import guarding
 from drivers.ptp import guardian
 from drivers.ptp.options import PtpOptions
 from pdcd.child import WORDS, MessageLine
@@ -21,59 +25,76 @@ from tests.processes import LONG_S
 OPTIONS = PtpOptions(serial="0001")
 
 
-@pytest.fixture
-def closed(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """With what the shutter was closed; it can be, each time."""
-    found: list[Any] = []
+class Talk:
+    """Words to a guardian in a thread; `closed` and `killed` count what it did."""
 
-    def close(options: PtpOptions, backend: object) -> bool:
-        found.append((options, backend))
-        return True
+    def __init__(self) -> None:
+        ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.ours, self.theirs = (MessageLine(end, WORDS) for end in ends)
+        self.closed = self.killed = 0
+        self.said: list[bool] = []
+        self.thread = threading.Thread(target=self._serve)
+        self.thread.start()
 
-    monkeypatch.setattr(guardian, "close_shutter", close)
-    return found
+    def _serve(self) -> None:
+        self.said.append(guarding.serve_guardian(self.theirs, self._close, self._kill))
 
+    def _close(self) -> None:
+        self.closed += 1
 
-def talk(words: list[bytes], *, read: bool = True) -> tuple[list[bytes], bool]:
-    """What it answers to words, and what it says at the end of the talk."""
-    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    ours, theirs = (MessageLine(end, WORDS) for end in ends)
-    said: list[bool] = []
-    thread = threading.Thread(
-        target=lambda: said.append(guardian.serve_guardian(theirs, OPTIONS, "usb"))
-    )
-    thread.start()
-    answers = []
-    for word in words:
-        ours.send(word.decode())
-        if read:
-            answers.append(ours.receive(within_s=LONG_S))
-    ours.close()
-    thread.join(LONG_S)
-    theirs.close()
-    return answers, said[0]
+    def _kill(self) -> None:
+        self.killed += 1
+        self.ours.close()
+
+    def say(self, words: list[bytes], *, read: bool = True) -> list[bytes]:
+        answers = []
+        for word in words:
+            self.ours.send(word.decode())
+            if read:
+                answers.append(self.ours.receive(within_s=LONG_S))
+        return answers
+
+    def end(self) -> bool:
+        """The end of the talk, and whether the shutter is closed then."""
+        self.ours.close()
+        self.thread.join(LONG_S)
+        self.theirs.close()
+        return self.said[0]
 
 
 @pytest.mark.parametrize(
     ("words", "closes"),
     [
-        ([], False),
-        ([b"arm", b"look"], True),  # a look changes nothing
-        ([b"arm", b"disarm", b"look"], False),
-        ([b"disarm", b"arm"], True),
+        ([], 0),
+        ([b"arm", b"look"], 1),  # a look changes nothing
+        ([b"arm", b"disarm", b"look"], 0),
+        ([b"disarm", b"arm"], 1),
     ],
 )
-def test_it_closes_the_shutter_if_it_is_armed_at_the_end(
-    closed: list[Any], words: list[bytes], closes: bool
+def test_it_closes_the_shutter_if_it_is_armed_at_the_end(words: list[bytes], closes: int) -> None:
+    talk = Talk()
+    assert talk.say(words) == [b"ok"] * len(words) and talk.end()
+    assert (talk.closed, talk.killed) == (closes, 0)
+
+
+def test_a_parent_that_died_with_an_answer_unread_is_gone() -> None:
+    talk = Talk()
+    talk.say([b"arm", b"look"], read=False)
+    assert talk.end() and talk.closed == 1
+
+
+def test_a_parent_that_says_nothing_while_the_shutter_is_open_is_ended(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    answers, shut = talk(words)
-    assert answers == [b"ok"] * len(words) and shut
-    assert closed == ([(OPTIONS, "usb")] if closes else [])
-
-
-def test_a_parent_that_died_with_an_answer_unread_is_gone(closed: list[Any]) -> None:
-    _, shut = talk([b"arm", b"look"], read=False)
-    assert shut and len(closed) == 1
+    """Only then: it may be silent for days while nothing is open."""
+    monkeypatch.setattr(guarding, "FROZEN_S", 0.2)
+    talk = Talk()
+    talk.say([b"arm", b"disarm"])
+    time.sleep(0.5)
+    assert talk.killed == 0
+    talk.say([b"arm"])
+    talk.thread.join(LONG_S)
+    assert (talk.killed, talk.closed, talk.end()) == (1, 1, True)
 
 
 @pytest.mark.parametrize("shut", [True, False])
@@ -81,64 +102,66 @@ def test_its_exit_status_says_whether_the_shutter_is_closed(
     monkeypatch: pytest.MonkeyPatch, shut: bool
 ) -> None:
     given: list[Any] = []
-
-    def serve(line: object, *what: Any) -> bool:
-        given.extend(what)
-        return shut
-
-    monkeypatch.setattr(guardian, "serve_guardian", serve)
+    monkeypatch.setattr(guarding, "serve_guardian", lambda line, close, end: [close(), shut][1])
+    monkeypatch.setattr(guardian, "close_eos", lambda *what: given.append(what))
     ours, theirs = socket.socketpair()
     text = msgspec.json.encode(OPTIONS).decode()
     assert guardian.run_ptp_guardian(text, theirs.detach(), "usb") == (0 if shut else 1)
     ours.close()
-    assert given == [OPTIONS, "usb"]
+    assert given == [(OPTIONS, "usb")]
 
 
-class Camera:
-    """One that opens at the so many-th try; a second passes with each."""
+PARENT = """
+import os, signal, sys
+from drivers.guard import ShutterGuard
+from drivers import guarding
 
-    fails: int
-    done: list[Any]
-    now_s: float
+guard = ShutterGuard((sys.executable, "-c", sys.argv[1], sys.argv[2]), answer_s=60.0)
+guard.arm(lambda: "arm")
+os.kill(os.getpid(), signal.SIGSTOP)
+"""
+CHILD = """
+import sys
+from pathlib import Path
+from drivers import guarding
 
-    def __init__(self, options: PtpOptions, clock: Any, backend: object, longest_s: float) -> None:
-        self.done.append((options, backend, longest_s))
-
-    def open(self, user: str) -> None:
-        self.done.append(("open", user))
-        Camera.now_s += 1.0
-        if Camera.fails:
-            Camera.fails -= 1
-            raise DeviceLost("held")
-
-    def let_go(self, user: str) -> None:
-        self.done.append(("let go", user))
+guarding.FROZEN_S = 0.5
+sys.exit(guarding.run_camera_guardian(int(sys.argv[2]), Path(sys.argv[1]).touch))
+"""
 
 
-@pytest.fixture
-def camera(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Camera]]:
-    monkeypatch.setattr(guardian, "EosCamera", Camera)
-    Camera.fails, Camera.done, Camera.now_s = 0, [], 100.0
-    monkeypatch.setattr(time, "monotonic", lambda: Camera.now_s)
-    monkeypatch.setattr(time, "sleep", lambda seconds: Camera.done.append(("sleep", seconds)))
-    yield Camera
-    monkeypatch.undo()
+def test_a_frozen_process_is_killed_and_its_shutter_closed(tmp_path: Any) -> None:
+    """Nobody else would do it without systemd's watchdog."""
+    closed = tmp_path / "closed"
+    with subprocess.Popen([sys.executable, "-c", PARENT, CHILD, str(closed)]) as parent:
+        try:
+            assert parent.wait(LONG_S) == -signal.SIGKILL
+        finally:
+            parent.kill()
+    until_s = time.monotonic() + LONG_S
+    while not closed.exists() and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert closed.exists()
 
 
 @pytest.mark.parametrize("fails", [0, 1, 60, 1000])
 def test_a_camera_that_another_program_holds_is_tried_for_a_minute(
-    camera: type[Camera], fails: int, caplog: pytest.LogCaptureFixture
+    monkeypatch: pytest.MonkeyPatch, fails: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    camera.fails = fails
-    with caplog.at_level(logging.WARNING):
-        assert guardian.close_shutter(OPTIONS, "usb") is (fails <= 60)
-    if fails > 60:
-        assert camera.done.count(("open", "guardian")) == 61
-        assert "shutter may be open error=held" in caplog.text
-        assert ("let go", "guardian") not in camera.done
-        return
-    tries = [("open", "guardian"), ("sleep", 0.2)] * fails
-    assert camera.done == [
-        (OPTIONS, "usb", 60.0), *tries, ("open", "guardian"), ("let go", "guardian"),
-    ]  # fmt: skip
-    assert "shutter closed in place of" in caplog.text
+    """Each try takes a second."""
+    now_s, tries, slept = 100.0, 0, []
+
+    def close() -> None:
+        nonlocal now_s, tries
+        now_s, tries = now_s + 1.0, tries + 1
+        if tries <= fails:
+            raise DeviceLost("held")
+
+    with monkeypatch.context() as patch, caplog.at_level(logging.WARNING):
+        patch.setattr(time, "monotonic", lambda: now_s)
+        patch.setattr(time, "sleep", slept.append)
+        closed = guarding.try_to_close(close)
+    assert closed is (fails <= 60) and tries == min(fails, 60) + 1
+    assert slept == [0.2] * min(fails, 60)
+    words = "shutter closed in place of" if closed else "shutter may be open error=held"
+    assert words in caplog.text

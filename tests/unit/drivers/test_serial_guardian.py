@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 
+from drivers.guard import FROZEN_S
 from drivers.serial_shutter import guardian, look, watchdog
 from pdcd.errors import ConfigError, DeviceLost
 from tests.processes import LONG_S, soon
@@ -89,6 +90,19 @@ def test_an_armed_guardian_whose_daemon_is_gone_closes_the_shutter_once(
     assert select.select([served.talk], [], [], LONG_S)[0]
     served.hang_up()
     assert served.released == [(7, "dtr", "1")] * released
+
+
+def test_a_daemon_that_says_nothing_while_the_shutter_is_open_is_frozen(
+    monkeypatch: pytest.MonkeyPatch, served: Served
+) -> None:
+    assert guardian._FROZEN_S == FROZEN_S
+    monkeypatch.setattr(guardian, "_FROZEN_S", 0.1)
+    assert served.say("arm 600", "disarm") == [b"ok", b"ok"]
+    time.sleep(0.3)
+    assert served.released == []
+    assert served.ask("arm 600") == b"ok"
+    assert soon(lambda: len(served.released) == 1)
+    assert served.say("look", "disarm", "look") == [b"silent", b"silent", b"ok"]
 
 
 @pytest.mark.parametrize(("takes", "said"), [(True, b"fired"), (False, b"lost")])
@@ -247,7 +261,13 @@ def test_a_guardian_gets_the_port_and_is_armed_for_what_is_left(
 
 @pytest.mark.parametrize(
     ("answer", "why"),
-    [(b"ok", ""), (b"", ""), (b"fired", "it lasted 30 s"), (b"lost", "it lasted 30 s")],
+    [
+        (b"ok", ""),
+        (b"", ""),
+        (b"fired", "it lasted 30 s"),
+        (b"lost", "it lasted 30 s"),
+        (b"silent", "nothing was heard of the daemon for 10 s"),
+    ],
 )
 def test_a_guardian_that_fired_ended_the_exposure(
     guarded: tuple[watchdog.Guardian, Guarded], answer: bytes, why: str

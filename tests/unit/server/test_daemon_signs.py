@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -123,21 +124,29 @@ def test_the_exit_code_tells_a_wrong_configuration_from_a_broken_rig(
     given: list[Any] = []
 
     async def serve(config: Config, **more: Any) -> None:
-        given.append((config, more.pop("stop").is_set(), more))
+        engine = more.pop("engine_factory")(config)
+        given.append((config, more.pop("stop").is_set(), more, engine))
         if error is not None:
             raise error
 
     said: list[bool] = []
     monkeypatch.setattr(daemon, "serve_daemon", serve)
     monkeypatch.setattr(log, "send_to_stderr", lambda *, verbose: said.append(verbose))
-    config, factory = Config(), cast(Any, object())
+    config, made = Config(), cast(Any, object())
+    before = signal.getsignal(signal.SIGTERM)
+
+    def factory(asked: Config) -> Any:
+        assert asked is config
+        return made
+
     assert run_daemon(config, engine_factory=factory) == code
     assert run_daemon(config, socket=Path("/s"), engine_factory=factory, verbose=True) == code
     assert said == [False, True]
     assert given == [
-        (config, False, {"socket": None, "engine_factory": factory}),
-        (config, False, {"socket": Path("/s"), "engine_factory": factory}),
+        (config, False, {"socket": None}, made),
+        (config, False, {"socket": Path("/s")}, made),
     ]
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_the_state_folder_is_made_and_held_for_one(tmp_path: Path) -> None:
