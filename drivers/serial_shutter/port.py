@@ -21,7 +21,7 @@ import os
 import stat
 import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import serial
@@ -38,13 +38,17 @@ _HINTS = {
 }
 _CFLAG = 2
 _LOOK_S = 0.001
+_READ_S = 0.2
+"""Longest that one read may last."""
 
 
 class Port:
     """An open port. Raises DeviceLost when it cannot be opened or stops answering."""
 
-    def __init__(self, options: SerialOptions) -> None:
+    def __init__(self, options: SerialOptions, look: Callable[[], None] = lambda: None) -> None:
+        """`look()` is called while the box is waited for; what it raises ends the wait."""
         self._options = options
+        self._look = look
         self._idle = options.active_low
         self._serial = self._opened()
         try:
@@ -98,7 +102,7 @@ class Port:
                 options.port,
                 do_not_open=True,
                 baudrate=options.baud,
-                timeout=options.answer_s,
+                timeout=min(options.answer_s, _READ_S),
             )
             if options.release != "command":
                 # At rest before the port is open; boxes on USB need both lines to talk at all.
@@ -150,7 +154,7 @@ class Port:
         self._serial.reset_input_buffer()
         self._serial.write(bytes.fromhex(word))
         self._sent(word)
-        answer = self._serial.read(len(expected)) if expected else b""
+        answer = self._answer(len(expected))
         if not answer and expected:
             raise DeviceLost(
                 f"no reply to {word} within {options.answer_s:g} s",
@@ -164,10 +168,19 @@ class Port:
                 hint="compare open_reply_hex and close_reply_hex with its manual",
             )
 
+    def _answer(self, count: int) -> bytes:
+        """So many bytes, fewer when they do not come in time."""
+        answer, until_s = b"", time.monotonic() + self._options.answer_s
+        while len(answer) < count and time.monotonic() < until_s:
+            self._look()
+            answer += self._serial.read(count - len(answer))
+        return answer
+
     def _sent(self, word: str) -> None:
         """Return once all is sent. The kernel alone waits without bound for a box that hangs."""
         until_s = time.monotonic() + self._options.answer_s
         while "://" not in self._options.port and self._serial.out_waiting:
+            self._look()
             if time.monotonic() > until_s:
                 raise DeviceLost(
                     f"{self._options.port} did not take {word} within {self._options.answer_s:g} s",

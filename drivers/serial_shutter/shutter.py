@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 
 from pdcd.driver import (
@@ -20,6 +20,7 @@ from pdcd.driver import (
     DriverContext,
     ExposureError,
     Finding,
+    Patience,
     PdcdError,
 )
 
@@ -31,8 +32,6 @@ from .watchdog import Alarm, Guardian, Watchdog
 logger = logging.getLogger(__name__)
 
 _POLL_NS = 1_000_000
-_LONGEST_NS = 2_000_000_000
-"""Longest sleep without a sign of life."""
 _MARGIN_S = 30.0
 """What an exposure may take beyond its limit before the watchdog ends it."""
 
@@ -52,11 +51,11 @@ class SerialShutter:
         options: SerialOptions,
         config: Config,
         clock: Clock,
-        alive: Callable[[], object] = lambda: None,
+        patience: Patience | None = None,
     ) -> None:
         self._options = options
         self._clock = clock
-        self._alive = alive
+        self._patience = patience or Patience(clock)
         self._sure_ns = config.trigger.sure_ns
         limit_s = options.limit_s or config.limits.max_exposure_s + _MARGIN_S
         self._limit_s = min(limit_s, LONGEST_ANSWER_S)
@@ -77,7 +76,7 @@ class SerialShutter:
                 device="shutter",
                 hint="set rig.clock = 'real'",
             )
-        return cls(options, config, context.clock, context.alive)
+        return cls(options, config, context.clock, context.patience)
 
     def look(self) -> Iterator[Finding]:
         """What `pdcd doctor trigger` can say before the port is opened."""
@@ -133,7 +132,7 @@ class SerialShutter:
                 return self._wait_for(port, opened=True)
             return self._settled_ns()
         except BaseException:
-            with suppress(PdcdError):
+            with suppress(PdcdError), self._patience.deaf():
                 self.close()
             raise
 
@@ -167,9 +166,9 @@ class SerialShutter:
             self._drop()
 
     def _open_port(self) -> None:
-        port = Port(self._options)
+        port = Port(self._options, self._patience.look)
         try:
-            self._sleep_until_ns(self._clock.now_ns() + round(self._options.ready_s * 1e9))
+            self._patience.sleep(self._options.ready_s)
             port.drive(opened=False)
             if self._options.feedback != "none":
                 self._wait_for(port, opened=False)
@@ -199,20 +198,14 @@ class SerialShutter:
 
     def _settled_ns(self) -> int:
         sure_ns = self._clock.now_ns() + self._sure_ns
-        self._sleep_until_ns(sure_ns)
+        self._patience.sleep_until_ns(sure_ns)
         return sure_ns
-
-    def _sleep_until_ns(self, t_ns: int) -> None:
-        """Sleep, with a sign of life every few seconds."""
-        while (now_ns := self._clock.now_ns()) < t_ns:
-            self._alive()
-            self._clock.sleep_until_ns(min(t_ns, now_ns + _LONGEST_NS))
 
     def _wait_for(self, port: Port, *, opened: bool) -> int:
         """Return the time at which the feedback is as wanted."""
         until_ns = self._clock.now_ns() + round(self._options.answer_s * 1e9)
         while port.shutter_is_open() != opened:
-            self._alive()
+            self._patience.look()
             now_ns = self._clock.now_ns()
             if now_ns >= until_ns:
                 wanted = "open" if opened else "close"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.ptp.guardian import TRY_S
+from drivers.guarding import TRY_S
 from tests.places import ROOT
 from tests.tools import needs, program
 

@@ -149,7 +149,8 @@ def test_a_camera_that_another_program_holds_is_tried_for_a_minute(
     monkeypatch: pytest.MonkeyPatch, fails: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Each try takes a second."""
-    now_s, tries, slept = 100.0, 0, []
+    now_s, tries = 100.0, 0
+    slept: list[float] = []
 
     def close() -> None:
         nonlocal now_s, tries

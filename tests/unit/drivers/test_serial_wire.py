@@ -60,7 +60,8 @@ class Wire:
 
     def read(self, count: int) -> bytes:
         self._do(("read", count))
-        return bytes(self.__dict__["reply"])
+        found, self.__dict__["reply"] = self.__dict__["reply"][:count], b""
+        return bytes(found)
 
     def told(self) -> list[object]:
         """What was done since it was asked last."""
@@ -102,7 +103,7 @@ def test_both_lines_are_at_rest_before_the_port_is_open(
     assert wire.told() == [("rts", rts), ("dtr", dtr), "open"]
     assert wire.__dict__["made"] == (
         "line://box",
-        {"do_not_open": True, "baudrate": 19200, "timeout": 0.7},
+        {"do_not_open": True, "baudrate": 19200, "timeout": 0.2},
     )
     port.close()
     assert wire.told() == ["close"]
@@ -233,7 +234,7 @@ def test_whoever_guards_the_port_is_told_how_to_close_the_shutter(
 
 def test_a_command_is_on_its_way_before_its_reply_is_read(wire: Wire) -> None:
     """And what came before it is thrown away first."""
-    port = Port(options(**BOX, open_reply_hex="4F 4B", close_reply_hex=""))
+    port = Port(options(**BOX, answer_s=0.05, open_reply_hex="4F 4B", close_reply_hex=""))
     wire.told()
     wire.__dict__["reply"] = b"OK"
     port.drive(opened=True)
