@@ -31,10 +31,10 @@ def exposing(service: Service, line: Line) -> Service:
     return service
 
 
-def test_the_watchdog_closes_an_open_shutter_and_brings_the_service_back(
+def test_a_frozen_daemon_leaves_a_closed_shutter_and_the_watchdog_brings_the_service_back(
     exposing: Service, line: Line
 ) -> None:
-    """With the watchdog's time as shipped."""
+    """With the watchdog's time as shipped, which is longer than that of a guardian."""
     machine = exposing.machine
     with exposing.connect() as client:
         exposing.in_exposure(client)
@@ -42,7 +42,7 @@ def test_the_watchdog_closes_an_open_shutter_and_brings_the_service_back(
         first = machine.main_pid()
         machine.run("kill", "-STOP", first)
         closed_s = line.hears("0")
-    assert -0.1 < closed_s - exposing.said_at_s("Watchdog timeout") < CLOSED_S
+    assert closed_s < exposing.said_at_s("Watchdog timeout")
     line.hears("0")  # by the start of the next one
     wait_until(lambda: machine.main_pid() not in ("0", first), "a new daemon")
     with exposing.connect() as client:

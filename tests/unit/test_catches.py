@@ -24,7 +24,7 @@ ALLOWED = {
     "pdcd/capture/engine.py::Engine.capture": "a job ends, the daemon stays",
     "pdcd/capture/engine.py::Engine.calibrate": "a job ends, the daemon stays",
     "pdcd/capture/rig.py::Rig.disconnect": "one device must not keep the others held",
-    "pdcd/capture/rig.py::Rig.make_safe": "one device must not keep the others from being safe",
+    "pdcd/capture/safety.py::_insist": "one device must not keep the others from being safe",
     "pdcd/capture/rig.py::Rig.refusal": "a stranger's display that knows no pixels: it is told",
     "pdcd/capture/run.py::CaptureRun._report": "the run is there; its report can be made again",
     "pdcd/capture/worker/process.py::_answer": "the work process's answer, raised in the daemon",
