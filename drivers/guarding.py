@@ -37,6 +37,8 @@ logger = logging.getLogger(__name__)
 TRY_S = 60.0
 """How long the camera is tried: another program may be quicker to take hold of it."""
 _AGAIN_S = 0.2
+_AWAKE_S = 1.0
+"""What a parent gets to speak once this process, which may have been frozen with it, is awake."""
 
 
 def run_camera_guardian(fd: int, close: Callable[[], object]) -> int:
@@ -61,6 +63,8 @@ def serve_guardian(
         try:
             word = line.receive(within_s=FROZEN_S if armed else None)
         except LineSilentError:
+            if line.wait(_AWAKE_S):
+                continue  # both were frozen, and are not any more
             logger.critical("shutter open, and nothing heard for %g s: killing", FROZEN_S)
             end_parent()
             continue  # the next word is the end of the talk

@@ -56,9 +56,10 @@ class Patience:
 
     def sleep_until_ns(self, t_ns: int) -> None:
         """The same, until that time of it."""
+        begun_ns, step_ns = self._clock.now_ns(), round(LOOK_S * 1e9)
         self.look()
-        while (now_ns := self._clock.now_ns()) < t_ns:
-            self._clock.sleep_until_ns(min(t_ns, now_ns + round(LOOK_S * 1e9)))
+        for at_ns in range(begun_ns + step_ns, t_ns + step_ns, step_ns):
+            self._clock.sleep_until_ns(min(at_ns, t_ns))
             self.look()
 
     def within(self, seconds: float, over: _Over) -> AbstractContextManager[None]:

@@ -103,7 +103,7 @@ class _Pulse:
 
     def cancelled(self) -> bool:
         """Whether drivers are to stop waiting."""
-        return self._broken_off() or (self.heard_by is not None and self.heard_by() is True)
+        return self._broken_off() or (self.heard_by is not None and bool(self.heard_by()))
 
 
 class Rig:

@@ -145,6 +145,27 @@ def test_a_call_that_never_returns_is_left_behind(call: str, how: str, tmp_path:
     assert call in daemon.told() and daemon.is_safe()
 
 
+@pytest.mark.parametrize("call", ["readout.connect", "readout.fetch"])
+def test_a_driver_that_waits_with_patience_hears_the_end(call: str, tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path, call, "patient")
+    with daemon.running() as process:
+        daemon.until_it_hangs()
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=LONG_S)
+        assert process.returncode == 0, err
+    assert daemon.is_safe() and "display.disconnect" in daemon.told()
+    assert not daemon.socket.exists()
+
+
+def test_a_driver_that_waits_with_patience_hears_a_cancel(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path, "readout.fetch", "patient")
+    with daemon.running(), connect(daemon.socket) as client:
+        job = client.capture(CaptureRequest(goal="white"), detach=True).job
+        assert soon(lambda: daemon.call in daemon.told())
+        client.call("capture.cancel", {"job": job})
+        assert daemon.is_safe() and client.status().state == "idle"
+
+
 @pytest.fixture
 def terminal() -> Iterator[tuple[int, int]]:
     """Both ends of a pseudo-terminal."""

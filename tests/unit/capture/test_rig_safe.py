@@ -213,9 +213,10 @@ def test_the_mock_bench_has_no_photo_where_the_shutter_moves_too_soon(
 
     def too_soon(at_ns: int) -> None:
         black_ns = bench.black_since_ns
-        settles = black_ns is not None and at_ns == black_ns + settle_ns
-        asked = settles and bench.shutter_open == (moves == "closed")
-        sleep(at_ns - settle_ns // 2 if asked else at_ns)
+        settles = black_ns is not None and black_ns < at_ns <= black_ns + settle_ns
+        if settles and bench.shutter_open == (moves == "closed"):
+            at_ns = min(at_ns, (black_ns or 0) + settle_ns // 2)
+        sleep(at_ns)
 
     monkeypatch.setattr(rig.clock, "sleep_until_ns", too_soon)
     with pytest.raises(ExposureError, match=f"shutter {moves} on panels"):

@@ -11,19 +11,29 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from pdcd.driver import CameraInfo, CameraSettings, DisplayInfo, FrameLog, RawFile
+from pdcd.driver import (
+    CameraInfo,
+    CameraSettings,
+    DisplayInfo,
+    DriverContext,
+    FrameLog,
+    Patience,
+    RawFile,
+)
 
 from . import Blades, Camera, Panels
 
 CALL, HOW, NOTES = os.environ["STRANGER_HANGS"].split()
 
 
-def begin(call: str) -> None:
-    """Note a call of a driver, and hang in it if it is the one."""
+def begin(call: str, patience: Patience | None = None) -> None:
+    """Note a call of a driver, and hang in it if it is the one; with patience, if that is how."""
     with Path(NOTES).open("a") as file:
         file.write(f"{call}\n")
     if call != CALL:
         return
+    if patience is not None and HOW == "patient":
+        patience.sleep(1e6)
     if HOW == "held":  # in C, with the interpreter's lock
         ctypes.PyDLL(None).sleep(1_000_000)
     while HOW == "loop":
@@ -72,8 +82,12 @@ class HangingBlades(Blades):
 class HangingCamera(Camera):
     """Notes what it does."""
 
+    def __init__(self, context: DriverContext) -> None:
+        super().__init__(context)
+        self._patience = context.patience
+
     def connect(self) -> CameraInfo:
-        begin("readout.connect")
+        begin("readout.connect", self._patience)
         return super().connect()
 
     def arm(self, settings: CameraSettings) -> None:
@@ -81,7 +95,7 @@ class HangingCamera(Camera):
         super().arm(settings)
 
     def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
-        begin("readout.fetch")
+        begin("readout.fetch", self._patience)
         return super().fetch(folder, name, timeout_s)
 
     def disconnect(self) -> None:
