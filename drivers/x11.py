@@ -47,11 +47,12 @@ class X11Display:
         request: Open,
         shared: SharedState,
         alive: Callable[[], object] = lambda: None,
+        look: Callable[[], object] | None = None,
     ) -> None:
         self._open = request
         self._config = config
         self._shared = shared
-        self._alive = alive
+        self._alive, self._look = alive, look
         self._planes = config.display.planes_per_refresh
         self._exposures = 0
         self._presenter: DisplayProcess | None = None
@@ -68,7 +69,7 @@ class X11Display:
                 device="display",
                 hint="leave grab_px out, or set planes_per_refresh = 1",
             )
-        return cls(config, request, context.shared, context.alive)
+        return cls(config, request, context.shared, context.alive, context.patience.look)
 
     def connect(self) -> DisplayInfo:
         """Start the display process; both panels are black on return."""
@@ -173,7 +174,7 @@ class X11Display:
     def _running(self) -> DisplayProcess:
         if self._presenter is None or not self._presenter.alive:
             self.disconnect()
-            self._presenter = DisplayProcess(self._open, self._alive)
+            self._presenter = DisplayProcess(self._open, self._alive, self._look)
         return self._presenter
 
 

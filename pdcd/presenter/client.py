@@ -79,13 +79,19 @@ def make_open_request(config: Config) -> Open:
 class DisplayProcess:
     """One display process. Every method raises DeviceLost when it is gone, and then it is dead.
 
-    `alive()` is called at least ten times a second while its answer is waited for.
+    `alive()` is called at least ten times a second while its answer is waited for; `look()` in its
+    place while it starts, which takes seconds, and is broken off by what that raises.
     """
 
-    def __init__(self, request: Open, alive: Callable[[], object] = lambda: None) -> None:
+    def __init__(
+        self,
+        request: Open,
+        alive: Callable[[], object] = lambda: None,
+        look: Callable[[], object] | None = None,
+    ) -> None:
         self._child = start_child(_COMMAND, REPLIES, what="the display process", error=_lost)
         self._line = self._child.line
-        self._pulse = alive
+        self._pulse = look or alive
         self._display = request.options.display
         self._hang_s = request.options.hang_s
         self._grab = request.options.grab_px is not None
@@ -100,7 +106,7 @@ class DisplayProcess:
         if not isinstance(reply, Ready):
             self.kill()
             raise DeviceLost("the display process is out of step", device="display")
-        self.ready = reply
+        self.ready, self._pulse = reply, alive
 
     @property
     def alive(self) -> bool:

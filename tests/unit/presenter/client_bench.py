@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -55,9 +55,13 @@ class Bench:
     def started(self, *replies: DisplayReply, **options: Any) -> DisplayProcess:
         """A display process, which begins with these replies."""
         self.first = replies or (READY,)
+        return self.started_by(None, **options)
+
+    def started_by(self, look: Callable[[], object] | None, **options: Any) -> DisplayProcess:
+        """The same, begun by somebody who may wait no longer."""
         mode = PanelMode(Map.filling((8, 6)), 60.0)
         settings = X11Options(projector="A", mask="B", hang_s=HANG_S, display=":7", **options)
-        self.made.append(DisplayProcess(Open(settings, mode, mode), self.pulse))
+        self.made.append(DisplayProcess(Open(settings, mode, mode), self.pulse, look))
         return self.made[-1]
 
     def answer(self, *replies: DisplayReply) -> None:

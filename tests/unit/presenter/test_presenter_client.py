@@ -7,11 +7,12 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from pdcd.errors import ConfigError, DeviceLost, PdcdError, SyncError
+from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.messages import (
     Black,
@@ -255,3 +256,12 @@ def test_a_process_that_does_not_quit_is_ended_and_one_that_has_is_asked_nothing
     process.close()
     assert bench.process.returncode is not None and process._line.fileno() == -1
     assert bench.process.done.count("kill") == (answer is not None) and asked == []
+
+
+def test_a_start_is_broken_off_by_who_waits_no_longer(bench: Bench) -> None:
+    """The process that is killed then takes its windows along."""
+    bench.first = ()
+    cancel = Mock(side_effect=Cancelled("enough"))
+    with pytest.raises(Cancelled):
+        bench.started_by(cancel)
+    assert bench.pulses == 0 and bench.process.returncode is not None

@@ -35,7 +35,7 @@ class Process:
     late: dict[int, int]
     ready = Ready("clock", 60.0, {"renderer": "none"}, 0.001)
 
-    def __init__(self, request: Any, alive: Callable[[], object]) -> None:
+    def __init__(self, request: Any, alive: Callable[[], object], look: Any) -> None:
         self.alive = True
         self.said.append("start")
 
