@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -38,6 +38,7 @@ from pdcd.driver import (
     DeviceLost,
     DriverContext,
     ExposureError,
+    Patience,
     RawFile,
     WatchedFile,
     WatchedFolder,
@@ -59,9 +60,6 @@ _GRACE_S = 0.9
 _NOT_YET = "is the transfer still going on? raise camera.fetch_timeout_s"
 _MOST_NAMED = 6
 """Names that an error tells."""
-_MOST_BYTES, _BESIDE_BYTES, _QUAD_BYTES = 2**28, 2**26, 16
-"""Largest file of a camera of which nothing is known, and what a photo of known size may take:
-that beside its samples, and twice what its quads take in 16 bits."""
 
 
 class FolderOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -111,19 +109,19 @@ class FolderReadout:
         options: FolderOptions,
         config: CameraConfig,
         clock: Clock,
-        alive: Callable[[], object] = lambda: None,
+        patience: Patience,
     ) -> None:
         self._options = options
         self._config = config
         self._clock = clock
-        self._alive = alive
+        self._patience = patience
         self._folder = WatchedFolder(Path(options.folder).expanduser())
         profile = load_profile(config.profile)
         self._isos, self._frame_quads = profile.isos, profile.frame_quads
+        self._most_bytes = profile.largest_photo_bytes
         self._settings: CameraSettings | None = None
         self._known: dict[str, WatchedFile] = {}
         self._armed_ns = 0
-        self._until_ns: int | None = None
         self._taken: list[tuple[str, str]] = []
         self._changed: list[tuple[str, str]] = []
 
@@ -138,7 +136,7 @@ class FolderReadout:
             device="camera",
             hint="docs/cameras.md lists the options of the driver folder",
         )
-        return cls(options, config, context.clock, context.alive)
+        return cls(options, config, context.clock, context.patience)
 
     def connect(self) -> CameraInfo:
         """See that the folder can be read. Raises DeviceLost."""
@@ -180,10 +178,16 @@ class FolderReadout:
         settings, self._settings = self._settings, None
         if settings is None:
             raise ExposureError("the camera was not armed", device="camera", hint="call arm first")
-        try:
+
+        def too_slow() -> ExposureError:
+            return ExposureError(
+                f"{self._folder.path} cannot be read in time",
+                device="camera",
+                hint="is the network slow? raise camera.fetch_timeout_s",
+            )
+
+        with self._patience.within(timeout_s + _GRACE_S, too_slow):
             source, raw = self._wait(folder, name, timeout_s, settings)
-        finally:
-            self._until_ns = None
         self._taken.append((source, raw.sha256))
         return raw
 
@@ -217,7 +221,7 @@ class FolderReadout:
             if photos is not None and sha256 not in photos:
                 continue
             try:
-                now = self._folder.hash(name, self._most_bytes, self._go_on)
+                now = self._folder.hash(name, self._most_bytes, self._patience.look)
                 if now != sha256:
                     self._changed.append((name, sha256))
                 elif self._options.take == "move":
@@ -233,28 +237,10 @@ class FolderReadout:
                     hint="may the daemon write there? take = 'copy' leaves files where they are",
                 ) from err
 
-    @property
-    def _most_bytes(self) -> int:
-        if self._frame_quads is None:
-            return _MOST_BYTES
-        return _BESIDE_BYTES + _QUAD_BYTES * self._frame_quads[0] * self._frame_quads[1]
-
-    def _go_on(self) -> None:
-        """Show that it lives, and end what takes longer than may be waited."""
-        self._alive()
-        if self._until_ns is not None:
-            late_s = (self._clock.now_ns() - self._until_ns) * 1e-9
-            if late_s > _GRACE_S:
-                raise ExposureError(
-                    f"{self._folder.path} cannot be read in time",
-                    device="camera",
-                    hint="is the network slow? raise camera.fetch_timeout_s",
-                )
-
     def _look(self) -> dict[str, WatchedFile]:
         """All that is there by name."""
         try:
-            return self._folder.look(self._go_on)
+            return self._folder.look(self._patience.look)
         except OSError as err:
             raise DeviceLost(
                 f"cannot read the folder {self._folder.path}: {err.strerror}",
@@ -267,9 +253,7 @@ class FolderReadout:
     ) -> tuple[str, RawFile]:
         """The one new file, and what was made of it, once it is whole."""
         until_ns, arrival = self._clock.now_ns() + round(timeout_s * 1e9), _Arrival()
-        self._until_ns = until_ns
         while True:
-            self._alive()
             there = self._look()
             new = {n: seen for n, seen in there.items() if n not in self._known and self._is_raw(n)}
             photos = {name: seen for name, seen in new.items() if seen.kind == "file"}
@@ -287,12 +271,12 @@ class FolderReadout:
             if now_ns >= until_ns:
                 raise self._nothing(photos, arrival.fault, there, timeout_s)
             poll_ns = round(self._options.poll_s * 1e9)
-            self._clock.sleep_until_ns(min(now_ns + poll_ns, until_ns))
+            self._patience.sleep_until_ns(min(now_ns + poll_ns, until_ns))
 
     def _hash(self, source: str) -> str:
         """SHA-256 of what is in a file now; "" where it cannot be read."""
         try:
-            return self._folder.hash(source, self._most_bytes, self._go_on)
+            return self._folder.hash(source, self._most_bytes, self._patience.look)
         except (OSError, DecodeError):
             return ""
 
@@ -302,7 +286,7 @@ class FolderReadout:
         """The photo in a file that did not change for some looks; None where it is none yet."""
         shown = to_one_line(source)
         try:
-            data = self._folder.read(source, self._most_bytes, self._go_on)
+            data = self._folder.read(source, self._most_bytes, self._patience.look)
         except DecodeError as err:
             arrival.fault = err
             return None

@@ -56,6 +56,8 @@ class WatchedBench:
         self.card.mkdir()
         self.run.mkdir()
         self.clock, self.signs = Script(), 0
+        self.on_sign: Callable[[], object] = lambda: None
+        """Called with each sign of life; what it raises ends the wait, as a cancel does."""
         camera = CameraConfig(
             f_number=f_number,  # type: ignore[arg-type]
             responsivity_e=(1.0, 2.0, 3.0),
@@ -66,6 +68,7 @@ class WatchedBench:
 
     def _alive(self) -> None:
         self.signs += 1
+        self.on_sign()
 
     def arm(self, f_number: float | None = None) -> None:
         self.readout.arm(CameraSettings(iso=100, f_number=f_number))

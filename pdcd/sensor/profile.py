@@ -43,8 +43,8 @@ _MAX_BYTES = 2**20
 _GAUSSIAN_FROM_E = 1000.0
 """Mean count from which photon noise is drawn as Gaussian: its skewness is then below 0.032."""
 _FULL_WELL_SIGMAS = 4.0
-_PREVIEW_BYTES = 32 << 20
-_LARGEST_PHOTO_BYTES = 1 << 30
+_PREVIEW_BYTES = 64 << 20
+_LARGEST_PHOTO_BYTES = 1 << 28
 """Of a sensor whose size is not known."""
 _MAX_ISO = 65535  # what EXIF's PhotographicSensitivity holds
 

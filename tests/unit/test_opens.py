@@ -47,6 +47,7 @@ OWN = {
 ENCODERS = {
     "pdcd/client.py": "asks of a user: what is no text is refused",
     "drivers/ptp/shutter.py": "options of the configuration, which is text",
+    "drivers/gphoto/camera.py": "options of the configuration, which is text",
     "pdcd/runs/ledger.py": "around what is JSON already",
 }
 """Who else makes JSON for others to read."""
