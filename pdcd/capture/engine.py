@@ -23,6 +23,7 @@ from pdcd.capture.job import (
     make_planning_watch,
     mark_kept,
     mark_unsafe,
+    mark_used,
 )
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import CaptureRun
@@ -75,12 +76,6 @@ def _failure(err: Exception, what: str, job: str) -> PdcdError:
     if typed is not err:
         logger.error("%s failed job=%s", what, job, exc_info=err)
     return typed
-
-
-def _used(result: CaptureResult, config: Config) -> CaptureResult:
-    """The result of a calibration, with whether it is the one in use from now on."""
-    used = Path(config.calibration.use).resolve() == Path(str(result.folder)).resolve()
-    return msgspec.structs.replace(result, summary={**result.summary, "used": int(used)})
 
 
 class Engine:
@@ -413,7 +408,7 @@ class Engine:
         # Only now: it is another rig that goes on.
         if whole and not isinstance(failure, DeviceLost):
             self._adopt()
-            result = _used(result, self._config)
+            result = mark_used(result, self._config)
         return result
 
     @property

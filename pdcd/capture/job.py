@@ -326,3 +326,9 @@ def mark_kept(result: CaptureResult, steps: tuple[str, ...]) -> CaptureResult:
     """The result of a calibration that stopped, with what it found until then."""
     text = f"kept: {', '.join(steps)}; pdcd calibrate goes on from there"
     return msgspec.structs.replace(result, warnings=(*result.warnings, text))
+
+
+def mark_used(result: CaptureResult, config: Config) -> CaptureResult:
+    """The result of a calibration, with whether it is the one in use from now on."""
+    used = Path(config.calibration.use).resolve() == Path(str(result.folder)).resolve()
+    return msgspec.structs.replace(result, summary={**result.summary, "used": int(used)})

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
@@ -32,6 +31,7 @@ from pdcd.bench.exposure_time import tell_exposure_time, with_exposure_times, wi
 from pdcd.bench.placed import find_place_faults
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
+from pdcd.capture.pulse import Pulse
 from pdcd.capture.safety import make_safe, make_safe_beside
 from pdcd.errors import (
     Cancelled,
@@ -80,32 +80,6 @@ class RigExposure:
         return (self.close_ns - self.open_ns) * 1e-9
 
 
-class _Pulse:
-    """Passes the drivers' signs of life on to whoever runs the job, and its cancel to them."""
-
-    def __init__(self, broken_off: Callable[[], bool]) -> None:
-        self.heard_by: Callable[[], object] | None = None
-        self._broken_off = broken_off
-
-    def __call__(self) -> None:
-        """One sign of life, from the thread that runs the job."""
-        if self.heard_by is not None:
-            self.heard_by()
-
-    @contextmanager
-    def of_job(self, cancelled: Callable[[], bool]) -> Iterator[None]:
-        """Let them go to a job, and its cancel to the drivers."""
-        self.heard_by = cancelled
-        try:
-            yield
-        finally:
-            self.heard_by = None
-
-    def cancelled(self) -> bool:
-        """Whether drivers are to stop waiting."""
-        return self._broken_off() or (self.heard_by is not None and bool(self.heard_by()))
-
-
 class Rig:
     """Display, shutter and readout of a configuration, on one clock."""
 
@@ -118,7 +92,7 @@ class Rig:
             raise ConfigError(f"{device}.place: {why}", device=device)
         self.config = config
         self.clock: Clock = VirtualClock() if config.rig.clock == "virtual" else RealClock()
-        self.pulse = pulse = _Pulse(broken_off)
+        self.pulse = pulse = Pulse(broken_off)
         context = DriverContext(
             config=config, clock=self.clock, alive=pulse, cancelled=pulse.cancelled
         )
