@@ -204,8 +204,8 @@ def _unpack_again(raw: RawInput, shape: tuple[int, int]) -> NDArray[np.uint16]:
     """The same anew; with more bytes behind the file where nothing tells how many it needs."""
     if not raw.found.sure:
         try:
-            longer = io.BytesIO(raw.data + b"\xa5" * _MORE_BYTES)
-            with rawpy.imread(longer) as again:
+            longer = raw.data + b"\xa5" * _MORE_BYTES
+            with rawpy.imread(io.BytesIO(longer)) as again:
                 sensor: NDArray[np.uint16] = again.raw_image.copy()
             if sensor.shape == shape:
                 return sensor
