@@ -169,9 +169,10 @@ def test_blocks_are_seen_where_codes_were_metered_without_direct_light(
     at a stop at which two thirds of a white photo are clipped."""
     config = Config(
         projector=PanelConfig(size_px=SIZE_PX),
-        scene=SceneConfig(kind="open-book", grid=(12, 16)),
-        camera=CameraConfig(frame_quads=QUADS, f_number=f_number),
+        mask=PanelConfig(size_px=SIZE_PX),
+        scene=SceneConfig(kind="open-book", grid=(6, 8)),
+        camera=CameraConfig(frame_quads=(64, 48), f_number=f_number),
         limits=FREE,
     )
-    record = take(config, goal="diagonal", codes=64, out=str(tmp_path)).manifest.run
+    record = take(config, goal="diagonal", codes=32, out=str(tmp_path)).manifest.run
     assert record.panels is not None and record.panels.mask_seen
