@@ -57,7 +57,8 @@ Errors: a driver raises these and no others
     `ConfigError`        a setting is wrong, or the device does not offer it `DriverUnavailable`
     what the driver needs is not installed `DeviceLost`         the device does not answer
     `SyncError`          the panels missed refreshes, or cannot be kept in step `ExposureError`
-    the shutter or the exposure went wrong, or no photo came `DecodeError`        a file that the
+    the shutter or the exposure went wrong, or no photo came; `PhotoError` where only the photo was
+    lost, and taking it again may do `DecodeError`        a file that the
     camera sent cannot be read `NoSpaceError`, `DiskError`                  the disk;
     `disk_errors` turns OSError into them `Cancelled`          `cancelled()` was true while
     frames were shown `PdcdError`          the base of all
@@ -104,6 +105,7 @@ if TYPE_CHECKING:
         ExposureError,
         NoSpaceError,
         PdcdError,
+        PhotoError,
         SyncError,
         disk_errors,
     )
@@ -144,6 +146,7 @@ __all__ = [
     "NoSpaceError",
     "Patience",
     "PdcdError",
+    "PhotoError",
     "PhotoFrame",
     "Preview",
     "RawFile",
@@ -209,6 +212,7 @@ _ROOMS = {
         "ExposureError",
         "NoSpaceError",
         "PdcdError",
+        "PhotoError",
         "SyncError",
         "disk_errors",
     ),

@@ -12,6 +12,7 @@
     ├── DeviceLost           device_lost     a device stopped answering or was never there
     ├── SyncError            sync            the panels missed refreshes
     ├── ExposureError        exposure        the shutter or the exposure went wrong
+    │   └── PhotoError       exposure        its photo was lost; taking it again may do
     ├── DecodeError          decode          a RAW file or a run folder cannot be read
     ├── PlanError            plan            planning died, hung, or ran out of memory
     ├── CalibrationError     calibration     photos of a calibration cannot be trusted
@@ -100,6 +101,11 @@ class ExposureError(PdcdError):
     """The shutter did not open or close, or the exposure is unusable."""
 
     kind = "exposure"
+
+
+class PhotoError(ExposureError):
+    """The photo of an exposure was lost, is not whole, or did not see all of it: nothing is broken,
+    and taking it again may do. Whoever takes photos does so, as often as the rig allows."""
 
 
 class DecodeError(PdcdError):

@@ -33,14 +33,18 @@ PACKAGE = "pdcd._drivers" if (Path(__file__).parents[1] / "_drivers").is_dir() e
 DRIVERS: Mapping[tuple[str, str], str] = {
     ("display", "mock"): f"{PACKAGE}.mock:MockDisplay",
     ("display", "x11"): f"{PACKAGE}.x11:X11Display",
+    ("shutter", "genicam"): f"{PACKAGE}.genicam.roles:GenicamShutter",
     ("shutter", "gphoto2"): f"{PACKAGE}.gphoto:GphotoShutter",
     ("shutter", "mock"): f"{PACKAGE}.mock:MockShutter",
     ("shutter", "ptp"): f"{PACKAGE}.ptp.shutter:PtpShutter",
     ("shutter", "serial"): f"{PACKAGE}.serial_shutter:SerialShutter",
+    ("shutter", "virtual-genicam"): f"{PACKAGE}.virtual_genicam.bench:VirtualGenicamShutter",
     ("readout", "folder"): f"{PACKAGE}.folder:FolderReadout",
+    ("readout", "genicam"): f"{PACKAGE}.genicam.roles:GenicamReadout",
     ("readout", "gphoto2"): f"{PACKAGE}.gphoto:GphotoReadout",
     ("readout", "mock"): f"{PACKAGE}.mock:MockReadout",
     ("readout", "ptp"): f"{PACKAGE}.ptp.readout:PtpReadout",
+    ("readout", "virtual-genicam"): f"{PACKAGE}.virtual_genicam.bench:VirtualGenicamReadout",
     ("usb", "virtual"): f"{PACKAGE}.virtual_camera:BenchUsb",
 }
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""

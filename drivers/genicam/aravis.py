@@ -1,0 +1,314 @@
+"""A camera as Aravis has it: found, opened, its features by name, its frames.
+
+Thin: each method is one or two calls of the library, an error of which is an `AravisError`. What
+cameras differ in, and what a photo needs, is known in `drivers.genicam.device`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import threading
+from collections.abc import Iterator
+from ctypes import POINTER, byref, c_double, c_int64, c_size_t, c_uint, c_uint64
+from dataclasses import dataclass
+from typing import Any
+
+from .library import CONTROL_LOST, AravisLibrary, GError, load_library
+
+TIMEOUT, NOT_FOUND = 5, 6
+"""Codes of the domain `DEVICE_DOMAIN`."""
+DEVICE_DOMAIN = "arv-device-error-quark"
+
+STATUS_WORDS = {
+    -1: "unknown",
+    0: "success",
+    1: "cleared",
+    2: "timeout",
+    3: "missing packets",
+    4: "wrong packet id",
+    5: "size mismatch",
+    6: "filling",
+    7: "aborted",
+    8: "payload not supported",
+}
+"""`ArvBufferStatus` in words."""
+
+_PACKET_SOCKET_DISABLED = 1
+_CHECK = 1  # ArvAccessCheckPolicy and ArvRangeCheckPolicy: enabled
+_SOCKET_BUFFER_FIXED, _RESEND_NEVER, _RESEND_ALWAYS = 0, 0, 1
+_SOCKET_BYTES = 8 * 2**20
+
+
+class AravisError(Exception):
+    """What the library reports. `domain` and `code` are GLib's."""
+
+    def __init__(self, message: str, domain: str = "", code: int = 0) -> None:
+        super().__init__(message)
+        self.domain = domain
+        self.code = code
+
+    @property
+    def lost(self) -> bool:
+        """Whether the camera did not answer, rather than refuse."""
+        return self.domain == DEVICE_DOMAIN and self.code in (TIMEOUT, NOT_FOUND)
+
+
+@dataclass(frozen=True)
+class FoundCamera:
+    """One camera of the networks and the USB, as it announces itself."""
+
+    id: str
+    vendor: str
+    model: str
+    serial: str
+    address: str
+    protocol: str
+
+
+@dataclass(frozen=True)
+class RawBuffer:
+    """One frame as it came. `status` 0 is a whole one; `timestamp_ns` is the camera's own clock."""
+
+    status: int
+    frame_id: int
+    timestamp_ns: int
+    width: int
+    height: int
+    pixel_format: int
+    data: bytes
+
+
+def list_cameras() -> list[FoundCamera]:
+    """All cameras that answer; takes a second, which Aravis waits for them."""
+    arv = load_library().arv
+    arv.arv_update_device_list()
+
+    def text(name: str, number: int) -> str:
+        found = getattr(arv, f"arv_get_device_{name}")(number)
+        return found.decode(errors="replace") if found else ""
+
+    names = ("id", "vendor", "model", "serial_nbr", "address", "protocol")
+    return [
+        FoundCamera(*(text(name, number) for name in names))
+        for number in range(arv.arv_get_n_devices())
+    ]
+
+
+class AravisCamera:
+    """One open camera. No method may be called once it is closed, but for `close` itself.
+
+    lost : set when Aravis says that control of the camera was lost.
+    """
+
+    def __init__(self, identifier: str, lost: threading.Event) -> None:
+        """Open by an identifier of `FoundCamera`, or the address of a GigE camera.
+
+        Raises AravisError."""
+        library: AravisLibrary = load_library()
+        self._lib = library
+        self._arv = library.arv
+        self._stream: int | None = None
+        self._camera: int | None = self._checked("arv_camera_new", identifier)
+        if self._camera is None:
+            raise AravisError(f"no camera {identifier}", DEVICE_DOMAIN, NOT_FOUND)
+        self._device = self._arv.arv_camera_get_device(self._camera)
+        # Kept for as long as the object lives: the library calls it.
+        self._on_lost = CONTROL_LOST(lambda *_: lost.set())
+        library.gobject.g_signal_connect_data(
+            self._device, b"control-lost", self._on_lost, None, None, 0
+        )
+        self._arv.arv_camera_set_access_check_policy(self._camera, _CHECK)
+        self._arv.arv_camera_set_range_check_policy(self._camera, _CHECK)
+
+    @property
+    def on_network(self) -> bool:
+        """Whether it speaks GigE Vision."""
+        return bool(self._arv.arv_camera_is_gv_device(self._camera))
+
+    @property
+    def ours(self) -> bool:
+        """Whether nobody else controls it; of a GigE camera that is not known by its being open."""
+        return not self.on_network or bool(self._arv.arv_gv_device_is_controller(self._device))
+
+    def has(self, feature: str) -> bool:
+        """Whether the feature exists and is available now."""
+        return bool(self._checked("arv_device_is_feature_available", feature))
+
+    def get_text(self, feature: str) -> str:
+        """Value of a string or an enumeration."""
+        found = self._checked("arv_device_get_string_feature_value", feature)
+        return found.decode(errors="replace") if found else ""
+
+    def set_text(self, feature: str, value: str) -> None:
+        """Set a string or an enumeration."""
+        self._checked("arv_device_set_string_feature_value", feature, value.encode())
+
+    def get_integer(self, feature: str) -> int:
+        """Value of an integer."""
+        return int(self._checked("arv_device_get_integer_feature_value", feature))
+
+    def set_integer(self, feature: str, value: int) -> None:
+        """Set an integer."""
+        self._checked("arv_device_set_integer_feature_value", feature, value)
+
+    def get_float(self, feature: str) -> float:
+        """Value of a float."""
+        return float(self._checked("arv_device_get_float_feature_value", feature))
+
+    def set_float(self, feature: str, value: float) -> None:
+        """Set a float."""
+        self._checked("arv_device_set_float_feature_value", feature, value)
+
+    def set_boolean(self, feature: str, value: bool) -> None:
+        """Set a boolean."""
+        self._checked("arv_device_set_boolean_feature_value", feature, int(value))
+
+    def get_boolean(self, feature: str) -> bool:
+        """Value of a boolean."""
+        return bool(self._checked("arv_device_get_boolean_feature_value", feature))
+
+    def bounds(self, feature: str) -> tuple[float, float]:
+        """Least and largest value of a float."""
+        low, high = c_double(), c_double()
+        self._checked("arv_device_get_float_feature_bounds", feature, byref(low), byref(high))
+        return low.value, high.value
+
+    def integer_bounds(self, feature: str) -> tuple[int, int]:
+        """Least and largest value of an integer."""
+        low, high = c_int64(), c_int64()
+        self._checked("arv_device_get_integer_feature_bounds", feature, byref(low), byref(high))
+        return low.value, high.value
+
+    def choices(self, feature: str) -> tuple[str, ...]:
+        """Values that an enumeration may have now."""
+        count = c_uint()
+        found = self._checked(
+            "arv_device_dup_available_enumeration_feature_values_as_strings", feature, byref(count)
+        )
+        try:
+            return tuple(found[number].decode(errors="replace") for number in range(count.value))
+        finally:
+            self._lib.glib.g_free(found)
+
+    def execute(self, command: str) -> None:
+        """Give a command."""
+        self._checked("arv_device_execute_command", command)
+
+    def start(self) -> None:
+        """Start the acquisition: frames come from now on, where triggers let them."""
+        self._checked("arv_camera_start_acquisition", device=False)
+
+    def stop(self) -> None:
+        """Stop it; an exposure that goes on is given up."""
+        self._checked("arv_camera_stop_acquisition", device=False)
+
+    def set_packet_size(self, size: int | None) -> int:
+        """Bytes of the packets of a GigE camera; None: as large as the way takes them, as found by
+        test packets. Returns what is set."""
+        if size is not None:
+            self._checked("arv_camera_gv_set_packet_size", size, device=False)
+        elif self.has("GevSCPSFireTestPacket"):
+            return int(self._checked("arv_camera_gv_auto_packet_size", device=False))
+        return int(self._checked("arv_camera_gv_get_packet_size", device=False))
+
+    def open_stream(self, payload_bytes: int, buffers: int, *, resend: bool) -> None:
+        """Be ready to receive frames of that size.
+
+        Socket buffers are large, and no packet socket is used: with it root sees no frame of the
+        loopback, and nobody else may have one.
+        """
+        if self.on_network:
+            self._arv.arv_camera_gv_set_stream_options(self._camera, _PACKET_SOCKET_DISABLED)
+        stream = self._checked("arv_camera_create_stream", None, None, device=False)
+        self._stream = stream
+        if self.on_network:
+            self._set(stream, "socket-buffer", _SOCKET_BUFFER_FIXED)
+            self._set(stream, "socket-buffer-size", _SOCKET_BYTES)
+            self._set(stream, "packet-resend", _RESEND_ALWAYS if resend else _RESEND_NEVER)
+        for _ in range(buffers):
+            self._arv.arv_stream_push_buffer(
+                stream, self._arv.arv_buffer_new_allocate(payload_bytes)
+            )
+
+    def pop(self, wait_s: float) -> RawBuffer | None:
+        """The next frame, whole or not; None where none came in that time."""
+        if self._stream is None:
+            return None
+        if wait_s > 0.0:
+            buffer = self._arv.arv_stream_timeout_pop_buffer(self._stream, round(wait_s * 1e6))
+        else:
+            buffer = self._arv.arv_stream_try_pop_buffer(self._stream)
+        if not buffer:
+            return None
+        try:
+            return self._read(buffer)
+        finally:
+            self._arv.arv_stream_push_buffer(self._stream, buffer)
+
+    def statistics(self) -> tuple[int, int, int]:
+        """Frames that came whole, that failed, and that found no buffer."""
+        counts = (c_uint64(), c_uint64(), c_uint64())
+        if self._stream is not None:
+            self._arv.arv_stream_get_statistics(self._stream, *(byref(count) for count in counts))
+        return counts[0].value, counts[1].value, counts[2].value
+
+    def close_stream(self) -> None:
+        """Receive no more. Idempotent."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            self._lib.gobject.g_object_unref(stream)
+
+    def close(self) -> None:
+        """Let the camera go. Idempotent; takes seconds where it does not answer."""
+        self.close_stream()
+        camera, self._camera = self._camera, None
+        if camera is not None:
+            self._lib.gobject.g_object_unref(camera)
+
+    def _read(self, buffer: int) -> RawBuffer:
+        arv, size = self._arv, c_size_t()
+        status = arv.arv_buffer_get_status(buffer)
+        whole = status == 0
+        place = arv.arv_buffer_get_data(buffer, byref(size)) if whole else None
+        return RawBuffer(
+            status=status,
+            frame_id=arv.arv_buffer_get_frame_id(buffer),
+            timestamp_ns=arv.arv_buffer_get_timestamp(buffer),
+            width=arv.arv_buffer_get_image_width(buffer) if whole else 0,
+            height=arv.arv_buffer_get_image_height(buffer) if whole else 0,
+            pixel_format=arv.arv_buffer_get_image_pixel_format(buffer) if whole else 0,
+            data=ctypes.string_at(place, size.value) if place else b"",
+        )
+
+    def _set(self, instance: int, name: str, value: int) -> None:
+        self._lib.gobject.g_object_set(
+            ctypes.c_void_p(instance), name.encode(), ctypes.c_int(value), None
+        )
+
+    def _checked(self, function: str, *arguments: Any, device: bool = True) -> Any:
+        """Call a function that may fail: of the device, of the camera, or to open one."""
+        first: tuple[Any, ...] = ()
+        if function != "arv_camera_new":
+            if self._camera is None:
+                raise AravisError("the camera is closed", DEVICE_DOMAIN, NOT_FOUND)
+            first = (self._device if device else self._camera,)
+        taken = [a.encode() if isinstance(a, str) else a for a in arguments]
+        with _reported(self._lib) as error:
+            found = getattr(self._arv, function)(*first, *taken, byref(error))
+        return found
+
+
+@contextlib.contextmanager
+def _reported(library: AravisLibrary) -> Iterator[Any]:
+    """A place for GLib's error, raised as AravisError where one was put there."""
+    error = POINTER(GError)()
+    yield error
+    if not error:
+        return
+    found = error.contents
+    domain = library.glib.g_quark_to_string(found.domain) or b""
+    message = (found.message or b"").decode(errors="replace")
+    raised = AravisError(message, domain.decode(), found.code)
+    library.glib.g_error_free(error)
+    raise raised

@@ -1,0 +1,442 @@
+"""One camera's exposures and frames: what a shutter and a readout share.
+
+A timed exposure ends by the camera's own clock. It is a little longer than planned, so that panels
+may be late; it surely began once the trigger was answered, and surely is over when its time has
+passed since. What the panels showed after that is on no photo: such an exposure is lost, as is one
+whose frame did not come whole, and both are taken again by whoever takes photos.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from pdcd.driver import (
+    CameraSettings,
+    Clock,
+    DeviceLost,
+    DriverContext,
+    ExposureError,
+    PhotoError,
+    PhotoFrame,
+)
+
+from .aravis import STATUS_WORDS, RawBuffer
+from .device import DEVICE, GenicamDevice
+from .levels import measure_black
+from .options import GenicamOptions, read_genicam_options
+from .pixels import BY_CODE, Samples, unpack_samples
+
+logger = logging.getLogger(__name__)
+
+_SLICE_S = 0.1
+"""So long a call waits within the library before it looks about."""
+_ASK_S = 1.5
+"""After so long without a frame the camera is asked whether it is still there."""
+_READY_S = 1.0
+"""How long a camera may take until it waits for a trigger, and until it has taken one: some need
+most of a second after settings changed."""
+_POLL_S = 0.002
+_SHORT_S = 0.2
+"""A shorter exposure may be over before it is seen to begin."""
+_SEEN_S = 0.5
+"""So long at least it is looked for; a virtual clock must not be moved before that."""
+_EARLY_S = 0.25
+"""An exposure that would go on for so long and all its margin is given up instead."""
+_BLACK_TRIES = 3
+_LAST_ID = 65535
+
+
+@dataclass
+class _Exposure:
+    """One that was begun. `begun_ns` is before the trigger, `sure_ns` when it surely had begun;
+    `time_s` is what the camera's clock gives it, `spare_s` what of it is margin."""
+
+    begun_ns: int
+    sure_ns: int
+    time_s: float
+    spare_s: float
+    late_s: float = 0.0
+    closed: bool = False
+    aborted: bool = False
+    came: RawBuffer | PhotoError | None = None
+    """The frame, where it alone says that the exposure is over, or why there is none."""
+
+    @property
+    def ends_ns(self) -> int:
+        """When it is over at the earliest."""
+        return self.begun_ns + round(self.time_s * 1e9)
+
+    @property
+    def over_ns(self) -> int:
+        """When it is surely over."""
+        return self.sure_ns + round(self.time_s * 1e9)
+
+
+class GenicamCamera:
+    """A camera by its options, open while a shutter or a readout needs it.
+
+    A camera that was lost is trusted no more, though it may seem to answer: it is opened anew by
+    the next `open` or `arm`.
+    """
+
+    def __init__(
+        self,
+        options: GenicamOptions,
+        clock: Clock,
+        sure_ns: int,
+        alive: Callable[[], object] = lambda: None,
+    ) -> None:
+        self.options = options
+        self.clock = clock
+        self._sure_ns = sure_ns
+        self._alive = alive
+        self._users: set[str] = set()
+        self._device: GenicamDevice | None = None
+        self._settings: CameraSettings | None = None
+        self._time: tuple[float, float] | None = None
+        """Of the next exposure: what the camera was set to, and what of it is margin, s."""
+        self._exposure: _Exposure | None = None
+        self._black: dict[int, int | Sequence[int]] = {}
+        self._last_id: int | None = None
+        self._let_go: Callable[[], object] = lambda: None
+
+    @classmethod
+    def of(cls, context: DriverContext) -> GenicamCamera:
+        """The camera of this rig; made by the first driver that asks."""
+
+        def make() -> GenicamCamera:
+            options = read_genicam_options(context.config)
+            return cls(options, context.clock, context.config.trigger.sure_ns, context.alive)
+
+        return context.the(cls, make)
+
+    @property
+    def device(self) -> GenicamDevice:
+        """The open camera. Raises DeviceLost where there is none, or it was lost."""
+        if self._device is None or self._device.lost.is_set():
+            raise DeviceLost(
+                "the camera is not connected", device=DEVICE, hint="connect it and start again"
+            )
+        return self._device
+
+    def open(self, user: str) -> GenicamDevice:
+        """Be open for that user; a camera that was lost is opened anew. Raises DeviceLost,
+        ConfigError."""
+        if self._device is not None and self._device.lost.is_set():
+            self._drop()
+        if self._device is None:
+            self._alive()
+            self._device = GenicamDevice(self.options)
+            self._let_go = weakref.finalize(self, self._device.close)
+            self._exposure = self._time = self._last_id = None
+        self._users.add(user)
+        return self._device
+
+    def close(self, user: str) -> None:
+        """That user is done; after the last one the camera is let go. Idempotent."""
+        self._users.discard(user)
+        if not self._users:
+            self._settings = None
+            self._drop()
+
+    def arm(self, settings: CameraSettings) -> None:
+        """Set gain and exposure; know what black is; forget frames of earlier exposures.
+
+        Raises ConfigError for an ISO or a time that the camera does not offer.
+        """
+        self._settings = None
+        device = self.open("readout")
+        with self._trusted():
+            if self._exposure is not None and not self._exposure.closed:
+                device.abort()
+            self._exposure = None
+            device.set_gain(settings.iso)
+            if settings.iso not in self._black:
+                self._black[settings.iso] = self._find_black()
+            self._plan(settings.exposure_s)
+            self._forget_frames()
+        self._settings = settings
+
+    def expect(self, exposure_s: float) -> None:
+        """The next exposure is planned to be so long. Raises ConfigError where it cannot be."""
+        with self._trusted():
+            self._plan(exposure_s)
+
+    def begin(self) -> int:
+        """Start an exposure; returns the time by which it surely has begun."""
+        with self._trusted():
+            device = self.device
+            if self._exposure is not None and not self._exposure.closed:
+                raise ExposureError(
+                    "an exposure goes on already", device=DEVICE, hint="close the shutter first"
+                )
+            time_s, spare_s = self._time or self._plan(None)
+            self._time = None
+            self._forget_frames()
+            if self.options.exposure == "edge":
+                now_ns = self.clock.now_ns()
+                self._exposure = _Exposure(now_ns, now_ns, time_s, spare_s)
+                return now_ns
+            return self._start(device, time_s, spare_s)
+
+    def _start(self, device: GenicamDevice, time_s: float, spare_s: float) -> int:
+        """Start an exposure by command; returns the time by which it surely has begun."""
+        self._await_ready(device)
+        begun_ns = self.clock.now_ns()
+        device.trigger()
+        told = self._await_start(device, time_s)
+        sure_ns = self.clock.now_ns() + (0 if told else self._sure_ns)
+        self._exposure = _Exposure(begun_ns, sure_ns, time_s, spare_s)
+        self.clock.sleep_until_ns(sure_ns)
+        return sure_ns
+
+    def end(self) -> int:
+        """Wait until an exposure is surely over; returns the time by which it was.
+
+        One that would go on for long is given up. Without one there is nothing to do.
+        """
+        exposure = self._exposure
+        now_ns = self.clock.now_ns()
+        if exposure is None or exposure.closed:
+            return now_ns
+        exposure.closed = True
+        exposure.late_s = 1e-9 * (now_ns - exposure.ends_ns)
+        if self.options.exposure == "edge":
+            # Nobody knows when it began: its frame tells that it is over.
+            with self._trusted():
+                try:
+                    exposure.came = self._await_frame(exposure.time_s + self.options.wait_s)
+                except PhotoError as err:
+                    exposure.came = err
+            return self.clock.now_ns()
+        if exposure.late_s < -exposure.spare_s - _EARLY_S:
+            exposure.aborted = True
+            with self._trusted():
+                self.device.abort()
+            return self.clock.now_ns()
+        while (now_ns := self.clock.now_ns()) < exposure.over_ns:
+            self.clock.sleep_until_ns(min(exposure.over_ns, now_ns + 1_000_000_000))
+            self._alive()
+        return now_ns
+
+    def fetch(self, timeout_s: float) -> PhotoFrame:
+        """The photo of the last exposure.
+
+        Raises PhotoError for one that was lost, is not whole or did not see all of the exposure,
+        ExposureError where there was none, DeviceLost for a camera that does not answer.
+        """
+        settings, self._settings = self._settings, None
+        exposure, self._exposure = self._exposure, None
+        if settings is None:
+            raise ExposureError("the camera was not armed", device=DEVICE, hint="call arm first")
+        if self.options.exposure != "width":
+            _check_exposed(exposure)
+        with self._trusted():
+            came = None if exposure is None else exposure.came
+            if isinstance(came, PhotoError):
+                raise came
+            buffer = came or self._await_frame(min(timeout_s, self.options.wait_s))
+            samples = self._unpack(buffer)
+            if exposure is not None and exposure.late_s > 0.0 and self.options.exposure == "timed":
+                raise PhotoError(
+                    f"the panels were done {exposure.late_s:.3g} s after the exposure of "
+                    f"{exposure.time_s:.3g} s had ended",
+                    device=DEVICE,
+                    hint="raise camera.options.margin_s, or see why refreshes are late",
+                )
+            device = self.device
+            record = device.record()
+        levels = device.levels
+        return PhotoFrame(
+            samples,
+            black=self._black[settings.iso],
+            white=levels.white_dn,
+            iso=settings.iso,
+            exposure_s=0.0 if exposure is None else exposure.time_s,
+            f_number=settings.f_number,
+            cfa=device.pixel_format.cfa,
+            record=record
+            | {"FrameID": f"{buffer.frame_id}", "Timestamp": f"{buffer.timestamp_ns}"},
+        )
+
+    def _plan(self, exposure_s: float | None) -> tuple[float, float]:
+        """Set the time of the next exposure, and what of it is margin."""
+        options = self.options
+        if options.exposure == "width":
+            return (0.0, 0.0)
+        if exposure_s is None:
+            whole_s = spare_s = options.unplanned_s
+        else:
+            spare_s = options.margin_s + options.margin * exposure_s
+            # It may begin at once, and be believed to begin so much later.
+            spare_s += 1e-9 * self._sure_ns
+            whole_s = exposure_s + spare_s
+        set_s = self.device.set_exposure(whole_s)
+        self._time = (set_s, spare_s)
+        return self._time
+
+    def _find_black(self) -> int | Sequence[int]:
+        """Level without light at the gain that is set: told, or seen in the shortest exposure."""
+        if self.options.black_dn is not None:
+            return self.options.black_dn
+        device = self.device
+        by_line = self.options.exposure != "timed"
+        if by_line:
+            device.set_start("timed")
+        try:
+            return self._see_black(device)
+        finally:
+            if by_line:
+                device.set_start(self.options.exposure)
+
+    def _see_black(self, device: GenicamDevice) -> int | Sequence[int]:
+        """What the shortest exposure shows, of which a frame that is lost is taken again."""
+        for left in range(_BLACK_TRIES - 1, -1, -1):
+            set_s = device.set_exposure(device.shortest_s)
+            self._forget_frames()
+            self._start(device, set_s, set_s)
+            self.end()
+            self._exposure = None
+            try:
+                samples = self._unpack(self._await_frame(self.options.wait_s))
+            except PhotoError:
+                if not left:
+                    raise
+            else:
+                return measure_black(samples, device.pixel_format.cfa)
+        raise AssertionError
+
+    def _await_ready(self, device: GenicamDevice) -> None:
+        if not self._poll(device.waits_for_trigger, False, _READY_S):
+            raise PhotoError(
+                f"the camera was not ready for a trigger within {_READY_S:g} s",
+                device=DEVICE,
+                hint="take it again",
+            )
+
+    def _await_start(self, device: GenicamDevice, time_s: float) -> bool:
+        """Wait until the exposure is seen to begin; False where the camera does not tell."""
+        if device.waits_for_trigger() is None:
+            return False
+        began = self._poll(device.waits_for_trigger, True, max(_SEEN_S, min(_READY_S, time_s)))
+        if not began and time_s >= _SHORT_S:
+            raise PhotoError(
+                "the camera did not take the trigger", device=DEVICE, hint="take it again"
+            )
+        return began
+
+    def _poll(self, ask: Callable[[], bool | None], unwanted: bool, longest_s: float) -> bool:
+        """Ask until the answer is another than that, so long at most."""
+        pause = threading.Event()
+        for _ in range(max(1, round(longest_s / _POLL_S))):
+            if ask() is not unwanted:
+                return True
+            pause.wait(_POLL_S)
+        return False
+
+    def _forget_frames(self) -> None:
+        """Throw away what came of earlier exposures."""
+        while (buffer := self.device.pop(0.0)) is not None:
+            self._last_id = buffer.frame_id
+            logger.warning("frame of an earlier exposure thrown away id=%d", buffer.frame_id)
+
+    def _await_frame(self, longest_s: float) -> RawBuffer:
+        """The frame that is due, whole, and no other.
+
+        Waits in slices, in which a signal is heard. Raises PhotoError, DeviceLost.
+        """
+        device, waited_s, asked_s = self.device, 0.0, 0.0
+        while waited_s < longest_s:
+            buffer = device.pop(_SLICE_S)
+            if buffer is not None:
+                return self._checked(buffer)
+            waited_s += _SLICE_S
+            self._alive()
+            if waited_s - asked_s >= _ASK_S:
+                asked_s = waited_s
+                self.device.record()  # which raises where the camera is gone
+            elif device.lost.is_set():
+                raise DeviceLost(
+                    "control of the camera was lost", device=DEVICE, hint="check power and cable"
+                )
+        self._last_id = None
+        raise PhotoError(
+            f"no frame came within {longest_s:g} s",
+            device=DEVICE,
+            hint="take it again; if that goes on, see docs/genicam.md about packets",
+        )
+
+    def _checked(self, buffer: RawBuffer) -> RawBuffer:
+        """The buffer. Raises PhotoError for a frame that is not whole, or not the one due."""
+        last, self._last_id = self._last_id, buffer.frame_id
+        if buffer.status:
+            raise PhotoError(
+                f"frame {buffer.frame_id} is not whole: {STATUS_WORDS.get(buffer.status, '?')}",
+                device=DEVICE,
+                hint="take it again; if that goes on, see docs/genicam.md about packets",
+            )
+        due = {(last or 0) + 1} | ({0, 1} if last is not None and last >= _LAST_ID else set())
+        if last is not None and buffer.frame_id not in due:
+            raise PhotoError(
+                f"frame {buffer.frame_id} came where {min(due)} was due",
+                device=DEVICE,
+                hint="take it again; see that nothing else triggers the camera",
+            )
+        return buffer
+
+    def _unpack(self, buffer: RawBuffer) -> Samples:
+        """Samples of a frame, whole quads of a mosaic."""
+        device = self.device
+        found = BY_CODE.get(buffer.pixel_format)
+        if found is not device.pixel_format or (buffer.width, buffer.height) != device.size:
+            raise ExposureError(
+                f"a frame of {buffer.width} x {buffer.height} pixels, format "
+                f"{buffer.pixel_format:#x}, where {device.size} of {device.pixel_format.name} "
+                "were set",
+                device=DEVICE,
+                hint="see that no other program sets the camera",
+            )
+        try:
+            samples = unpack_samples(buffer.data, found, buffer.height, buffer.width)
+        except ValueError as err:
+            raise PhotoError(f"{err}", device=DEVICE, hint="take it again") from err
+        samples = device.levels.read(samples)
+        if found.cfa is None:
+            return samples
+        return samples[: buffer.height // 2 * 2, : buffer.width // 2 * 2]
+
+    @contextmanager
+    def _trusted(self) -> Iterator[None]:
+        """Trust a camera that did not answer no more: it is opened anew before it is used again."""
+        try:
+            yield
+        except DeviceLost:
+            if self._device is not None:
+                self._device.lost.set()
+            raise
+
+    def _drop(self) -> None:
+        self._device = self._exposure = self._time = None
+        self._alive()
+        self._let_go()
+
+
+def _check_exposed(exposure: _Exposure | None) -> None:
+    """Raise where there is no photo to wait for."""
+    if exposure is None:
+        raise ExposureError(
+            "nothing was exposed", device=DEVICE, hint="open and close the shutter first"
+        )
+    if not exposure.closed:
+        raise ExposureError("the shutter is open", device=DEVICE, hint="close it first")
+    if exposure.aborted:
+        raise ExposureError(
+            "the exposure was given up before its time",
+            device=DEVICE,
+            hint="take it again",
+        )

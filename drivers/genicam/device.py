@@ -1,0 +1,383 @@
+"""One camera with its settings as photos need them: found, opened, set up, and asked.
+
+No default of a maker is relied on: everything that could change samples behind one's back is
+switched off, as far as the camera has it.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+
+from pdcd.driver import ConfigError, DeviceLost
+
+from .aravis import AravisCamera, AravisError, FoundCamera, RawBuffer, list_cameras
+from .levels import SampleLevels
+from .options import ExposureName, GenicamOptions
+from .pixels import BY_NAME, PixelFormat, choose_pixel_format
+
+DEVICE = "camera"
+_DOCTOR = "pdcd doctor camera says what was found"
+_PLUG = "check power and cable; pdcd doctor camera says what answers"
+_BUFFERS = 4
+_BASE_ISO = 100
+_GAIN_TOLERANCE_DB = 0.05
+
+_WORDS = (
+    ("AcquisitionMode", "Continuous"),
+    ("ExposureAuto", "Off"),
+    ("GainAuto", "Off"),
+    ("BlackLevelAuto", "Off"),
+    ("BalanceWhiteAuto", "Off"),
+    ("TestPattern", "Off"),
+    ("TestImageSelector", "Off"),
+    ("GainSelector", "All"),
+    ("TriggerOverlap", "Off"),
+)
+_SWITCHES = (
+    "AcquisitionFrameRateEnable",
+    "AcquisitionFrameRateEnabled",
+    "GammaEnable",
+    "GammaEnabled",
+    "LUTEnable",
+    "SharpeningEnable",
+    "NoiseReductionEnable",
+    "DefectCorrectionEnable",
+    "ColorTransformationEnable",
+    "ReverseX",
+    "ReverseY",
+    "ChunkModeActive",
+)
+_ONES = ("Gamma",)
+_TIMES = ("ExposureTime", "ExposureTimeAbs")
+_GAINS = ("Gain", "GainAbs")
+_SELECTORS = ("FrameStart", "FrameBurstStart", "AcquisitionStart")
+
+
+@contextmanager
+def aravis_errors(doing: str) -> Iterator[None]:
+    """Turn what the library reports into DeviceLost where the camera did not answer, and into
+    ConfigError where it refused. `doing` says what it was asked for."""
+    try:
+        yield
+    except AravisError as err:
+        if err.lost:
+            raise DeviceLost(
+                f"the camera does not answer ({doing}): {err}", device=DEVICE, hint=_PLUG
+            ) from err
+        raise ConfigError(
+            f"the camera refuses ({doing}): {err}", device=DEVICE, hint=_DOCTOR
+        ) from err
+
+
+def find_camera(wanted: str | None) -> str:
+    """What to open: an address as it is, or the one camera of that serial number or name.
+
+    Raises DeviceLost where there is none, ConfigError where there are several to choose from.
+    """
+    if wanted is not None and wanted.count(".") == 3 and wanted.replace(".", "").isdigit():
+        return wanted
+    found = list_cameras()
+    fitting = [c for c in found if wanted is None or wanted in (c.id, c.serial, c.address)]
+    listed = ", ".join(describe_camera(camera) for camera in found) or "none"
+    if not fitting:
+        raise DeviceLost(
+            f"no camera {wanted or ''} answers; found: {listed}".replace("  ", " "),
+            device=DEVICE,
+            hint="check power and cable, and on USB the rights (docs/genicam.md)",
+        )
+    if len(fitting) > 1:
+        raise ConfigError(
+            f"{len(fitting)} cameras answer: {listed}",
+            device=DEVICE,
+            hint="name one by its serial number as camera.options.camera",
+        )
+    return fitting[0].id
+
+
+def describe_camera(camera: FoundCamera) -> str:
+    """One line on a camera that announced itself."""
+    at = f" at {camera.address}" if camera.protocol == "GigEVision" else ""
+    return f"{camera.vendor} {camera.model} {camera.serial}{at} ({camera.protocol})"
+
+
+class GenicamDevice:
+    """An open camera, set up for triggered photos. Raises, as every method does, DeviceLost and
+    ConfigError."""
+
+    def __init__(self, options: GenicamOptions) -> None:
+        """Open and set up; nothing is exposed. Takes a second more where no address is given."""
+        self.options = options
+        self.lost = threading.Event()
+        """Set when control of the camera was lost, from another thread."""
+        self.unset: list[str] = []
+        """What the camera has but would not be switched off."""
+        identifier = find_camera(options.camera)
+        with aravis_errors("opening it"):
+            self._camera = AravisCamera(identifier, self.lost)
+        try:
+            self._check_ours(identifier)
+            self._set_up()
+        except BaseException:
+            self._camera.close()
+            raise
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """Maker, model, serial number and firmware, as far as it tells."""
+        names = {
+            "vendor": ("DeviceVendorName",),
+            "model": ("DeviceModelName",),
+            "serial": ("DeviceSerialNumber", "DeviceID"),
+            "firmware": ("DeviceFirmwareVersion", "DeviceVersion"),
+        }
+        found = {what: self._first_text(features) for what, features in names.items()}
+        return {what: text for what, text in found.items() if text}
+
+    @property
+    def isos(self) -> tuple[int, ...]:
+        """ISO numbers that its gain gives: 100 without gain, and doubled by every 6 dB."""
+        return tuple(self._gains)
+
+    def _check_ours(self, identifier: str) -> None:
+        if not self._camera.ours:
+            raise DeviceLost(
+                f"the camera {identifier} is held by another program",
+                device=DEVICE,
+                hint="close the maker's viewer, or the daemon that has it",
+            )
+
+    def _set_up(self) -> None:
+        camera, options = self._camera, self.options
+        with aravis_errors("setting it up"):
+            for feature, word in _WORDS:
+                self._try(feature, partial(self._set_word, feature, word))
+            for feature in _SWITCHES:
+                self._try(feature, partial(camera.set_boolean, feature, False))
+            for feature in _ONES:
+                self._try(feature, partial(camera.set_float, feature, 1.0))
+        self.pixel_format = self._choose_format()
+        with aravis_errors("setting the region"):
+            self.size = self._set_region()
+        with aravis_errors("its exposure and gain"):
+            self._set_start("timed")
+            self._time = self._needed(_TIMES, "an exposure time")
+            self.longest_s = 1e-6 * camera.bounds(self._time)[1]
+            self.shortest_s = 1e-6 * camera.bounds(self._time)[0]
+            self._gain, self._gains = self._find_gains()
+            if options.black_level is not None:
+                camera.set_float("BlackLevel", options.black_level)
+            self._tells_waiting = camera.has("AcquisitionStatus")
+            if self._tells_waiting and camera.has("AcquisitionStatusSelector"):
+                camera.set_text("AcquisitionStatusSelector", "FrameTriggerWait")
+            self._set_start(options.exposure)
+        self.levels = SampleLevels(self.pixel_format, self._find_white())
+        with aravis_errors("its stream"):
+            if camera.on_network:
+                self.packet_bytes = camera.set_packet_size(options.packet_bytes)
+            camera.open_stream(camera.get_integer("PayloadSize"), _BUFFERS, resend=options.resend)
+            camera.start()
+
+    def set_gain(self, iso: int) -> None:
+        """Set the gain of an ISO number. Raises ConfigError with those that there are."""
+        if iso not in self._gains:
+            raise ConfigError(
+                f"ISO {iso} is not offered",
+                device=DEVICE,
+                hint=f"take one of {', '.join(map(str, self._gains))}",
+            )
+        if self._gain is not None:
+            with aravis_errors(f"ISO {iso}"):
+                self._camera.set_float(self._gain, self._gains[iso])
+
+    def set_exposure(self, exposure_s: float) -> float:
+        """Set how long it exposes; returns what the camera made of it, s.
+
+        Raises ConfigError for a time beyond its own limit."""
+        if exposure_s > self.longest_s:
+            raise ConfigError(
+                f"an exposure of {exposure_s:.3g} s is beyond the camera's {self.longest_s:.3g} s",
+                device=DEVICE,
+                hint="show fewer codes in an exposure, or set camera.options.exposure = 'width'",
+            )
+        with aravis_errors(f"an exposure of {exposure_s:.3g} s"):
+            self._camera.set_float(self._time, 1e6 * max(exposure_s, self.shortest_s))
+            return 1e-6 * self._camera.get_float(self._time)
+
+    def set_start(self, exposure: ExposureName) -> None:
+        """Have exposures begin and end another way; acquisition is started anew."""
+        with aravis_errors(f"exposures that are {exposure}"):
+            self._camera.stop()
+            self._set_start(exposure)
+            self._camera.start()
+
+    def trigger(self) -> None:
+        """Start an exposure by command."""
+        with aravis_errors("a software trigger"):
+            self._camera.execute("TriggerSoftware")
+
+    def waits_for_trigger(self) -> bool | None:
+        """Whether it would take a trigger now; None where it does not tell."""
+        if not self._tells_waiting:
+            return None
+        with aravis_errors("whether it waits for a trigger"):
+            return self._camera.get_boolean("AcquisitionStatus")
+
+    def abort(self) -> None:
+        """Give up an exposure that goes on: no frame comes of it."""
+        with aravis_errors("ending an exposure"):
+            self._camera.stop()
+            self._camera.start()
+
+    def record(self) -> dict[str, str]:
+        """What the camera says of itself at a photo, in its own words. Proves that it answers."""
+        found = {"PixelFormat": self.pixel_format.name, **self.levels.words}
+        with aravis_errors("its record"):
+            found[self._time] = f"{self._camera.get_float(self._time):g}"
+            for feature in (self._gain, "BlackLevel", "DeviceTemperature"):
+                if feature is not None and self._camera.has(feature):
+                    found[feature] = f"{self._camera.get_float(feature):g}"
+        return found
+
+    def statistics(self) -> tuple[int, int, int]:
+        """Frames that came whole, that failed, and that found no buffer."""
+        return self._camera.statistics()
+
+    def pop(self, wait_s: float) -> RawBuffer | None:
+        """The next frame as `AravisCamera.pop` has it."""
+        return self._camera.pop(wait_s)
+
+    def close(self) -> None:
+        """Let the camera go. Idempotent, and never fails."""
+        if not self.lost.is_set():
+            try:
+                self._camera.stop()
+            except AravisError:
+                self.lost.set()
+        self._camera.close()
+
+    def _try(self, feature: str, action: Callable[[], None]) -> None:
+        """Set a feature where there is one; a refusal is noted, a camera that is lost raises."""
+        camera = self._camera
+        if not camera.has(feature):
+            return
+        try:
+            action()
+        except AravisError as err:
+            if err.lost:
+                raise
+            self.unset.append(f"{feature}: {err}")
+
+    def _set_word(self, feature: str, word: str) -> None:
+        if word in self._camera.choices(feature):
+            self._camera.set_text(feature, word)
+
+    def _choose_format(self) -> PixelFormat:
+        with aravis_errors("its pixel formats"):
+            offered = self._camera.choices("PixelFormat")
+        name = self.options.pixel_format or choose_pixel_format(offered)
+        if name is None or name not in offered or name not in BY_NAME:
+            what = "no known pixel format" if name is None else f"pixel format {name}"
+            raise ConfigError(
+                f"{what} of a camera with {', '.join(offered)}",
+                device=DEVICE,
+                hint="name one as camera.options.pixel_format: Mono12p, BayerRG12p ...",
+            )
+        with aravis_errors(f"pixel format {name}"):
+            self._camera.set_text("PixelFormat", name)
+        return BY_NAME[name]
+
+    def _set_region(self) -> tuple[int, int]:
+        """Width and height of the pictures."""
+        camera, region = self._camera, self.options.region
+        for feature in ("OffsetX", "OffsetY"):
+            if camera.has(feature):
+                camera.set_integer(feature, 0)
+        widest, highest = camera.integer_bounds("Width")[1], camera.integer_bounds("Height")[1]
+        left, top, width, height = region or (0, 0, widest, highest)
+        camera.set_integer("Width", width)
+        camera.set_integer("Height", height)
+        if region is not None:
+            camera.set_integer("OffsetX", left)
+            camera.set_integer("OffsetY", top)
+        return camera.get_integer("Width"), camera.get_integer("Height")
+
+    def _set_start(self, exposure: ExposureName) -> None:
+        """By a command and timed, or by a line. Raises ConfigError where it has no such mode."""
+        wanted = "TriggerWidth" if exposure == "width" else "Timed"
+        has = self._camera.has("ExposureMode")
+        offered = self._camera.choices("ExposureMode") if has else ("Timed",)
+        if wanted not in offered:
+            raise ConfigError(
+                f"the camera has no ExposureMode {wanted}, but {', '.join(offered)}",
+                device=DEVICE,
+                hint="set camera.options.exposure = 'timed'",
+            )
+        if has:
+            self._camera.set_text("ExposureMode", wanted)
+        self._set_trigger("Software" if exposure == "timed" else self.options.line)
+
+    def _set_trigger(self, source: str) -> None:
+        """Every frame starts by a trigger from there, and by that one alone."""
+        camera = self._camera
+        if camera.has("TriggerSelector"):
+            selectors = camera.choices("TriggerSelector")
+            for other in selectors:
+                camera.set_text("TriggerSelector", other)
+                if camera.has("TriggerMode"):
+                    camera.set_text("TriggerMode", "Off")
+            chosen = next((name for name in _SELECTORS if name in selectors), None)
+            if chosen is not None:
+                camera.set_text("TriggerSelector", chosen)
+        camera.set_text("TriggerSource", source)
+        if source != "Software":
+            edge = "FallingEdge" if self.options.active_low else "RisingEdge"
+            camera.set_text("TriggerActivation", edge)
+        camera.set_text("TriggerMode", "On")
+
+    def _find_gains(self) -> tuple[str | None, dict[int, float]]:
+        """The feature that sets the gain in dB, and the dB of each ISO number.
+
+        A camera that tells its gain in steps of its own stands at the least one.
+        """
+        camera = self._camera
+        gain = next((name for name in _GAINS if camera.has(name)), None)
+        if gain is None:
+            if camera.has("GainRaw"):
+                camera.set_integer("GainRaw", camera.integer_bounds("GainRaw")[0])
+            return None, {_BASE_ISO: 0.0}
+        low, high = camera.bounds(gain)
+        doubling = 20.0 * math.log10(2.0)
+        first = math.ceil((low - _GAIN_TOLERANCE_DB) / doubling)
+        last = math.floor((high + _GAIN_TOLERANCE_DB) / doubling)
+        found = {
+            round(_BASE_ISO * 2.0**step): min(max(step * doubling, low), high)
+            for step in range(first, last + 1)
+        }
+        return gain, found or {_BASE_ISO: min(max(0.0, low), high)}
+
+    def _find_white(self) -> int | None:
+        """White level as the user or the camera says; None where nobody does."""
+        if self.options.white_dn is not None or not self._camera.has("PixelDynamicRangeMax"):
+            return self.options.white_dn
+        with aravis_errors("its white level"):
+            told = self._camera.get_integer("PixelDynamicRangeMax")
+        return told if 0 < told < 2**self.pixel_format.bits else None
+
+    def _needed(self, names: tuple[str, ...], what: str) -> str:
+        found = next((name for name in names if self._camera.has(name)), None)
+        if found is None:
+            raise ConfigError(
+                f"the camera has no {names[0]}", device=DEVICE, hint=f"use one with {what}"
+            )
+        return found
+
+    def _first_text(self, features: tuple[str, ...]) -> str:
+        with aravis_errors("what it is"):
+            for feature in features:
+                if self._camera.has(feature):
+                    return self._camera.get_text(feature).strip()
+        return ""

@@ -1,0 +1,132 @@
+"""What sample values mean where the format does not say: black, white, alignment, byte order.
+
+A 12-bit converter behind a 16-bit format may put its bits on the left (16 bits with zeros at the
+end), on the right (nothing above 4095), or send its bytes the wrong way round. Each shows in the
+samples; what was seen once is kept for as long as the camera is open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .pixels import PixelFormat, Samples
+
+_WORD_BITS = 16
+_CONVERTERS = (10, 12, 14)
+"""Bits of converters behind a 16-bit format."""
+_SWAPPED = 8.0
+"""By how much rougher a picture must be one way round than the other, for its byte order to show:
+swapped, steps of one become steps of 256."""
+_LEAST_ROUGHNESS = 0.05
+"""Mean step between neighbours, DN, below which nothing shows."""
+
+
+@dataclass
+class SampleLevels:
+    """Reads samples of one format as the camera turned out to mean them.
+
+    white : DN that somebody told, the camera's own node map or the user; None: as seen.
+    swapped : whether bytes come the wrong way round; None until it showed.
+    zeros : lowest bits that were never set; None until a picture was seen.
+    """
+
+    pixel_format: PixelFormat
+    white: int | None = None
+    swapped: bool | None = None
+    zeros: int | None = None
+    _seen: int = field(default=0, repr=False)
+
+    def read(self, samples: Samples) -> Samples:
+        """The samples with their bytes the right way round; learns what they show."""
+        if self.pixel_format.layout != "words":
+            return samples
+        if self.swapped is None:
+            self.swapped = find_byte_order(samples, self.pixel_format.bits)
+        if self.swapped:
+            samples = samples.byteswap()
+        if self.pixel_format.bits == _WORD_BITS:
+            self._learn(samples)
+        return samples
+
+    def _learn(self, samples: Samples) -> None:
+        used = int(np.bitwise_or.reduce(samples, axis=None))
+        if used:
+            trailing = (used & -used).bit_length() - 1
+            self.zeros = trailing if self.zeros is None else min(self.zeros, trailing)
+        if self.white is None and not self.zeros:
+            highest = int(samples.max())
+            # A converter's last value, and nothing above it: a frame with saturated samples.
+            if highest in (2**bits - 1 for bits in _CONVERTERS) and highest >= self._seen:
+                if np.count_nonzero(samples == highest) > 1:
+                    self.white = highest
+            self._seen = max(self._seen, highest)
+
+    @property
+    def white_dn(self) -> int:
+        """DN from which a sample is saturated, as far as is known."""
+        if self.white is not None:
+            return self.white
+        bits = self.pixel_format.bits
+        if bits == _WORD_BITS and self.zeros:
+            return 2**_WORD_BITS - 2**self.zeros
+        return 2**bits - 1
+
+    @property
+    def words(self) -> dict[str, str]:
+        """What is worth keeping of it in the record of a photo."""
+        found = {}
+        if self.swapped:
+            found["ByteOrder"] = "swapped"
+        if self.zeros:
+            found["Alignment"] = f"left, {_WORD_BITS - self.zeros} bits"
+        return found
+
+
+def find_byte_order(samples: Samples, bits: int) -> bool | None:
+    """Whether the bytes of samples come the wrong way round; None where it does not show.
+
+    bits : of the format; a value beyond them cannot be. Else neighbours tell: light and noise are
+    smooth but for steps of a few DN, and seen the wrong way round these are steps of hundreds.
+    """
+    swapped = samples.byteswap()
+    if bits < _WORD_BITS:
+        beyond, beyond_swapped = (int(seen.max()) >> bits for seen in (samples, swapped))
+        if bool(beyond) is not bool(beyond_swapped):
+            return bool(beyond)
+    native_dn, swapped_dn = _roughness(samples), _roughness(swapped)
+    if max(native_dn, swapped_dn) < _LEAST_ROUGHNESS:
+        return None
+    if swapped_dn * _SWAPPED < native_dn:
+        return True
+    return False if native_dn * _SWAPPED < swapped_dn else None
+
+
+def _roughness(samples: Samples) -> float:
+    """Median step between neighbours of one colour, in a row: two samples apart in a mosaic. The
+    mean of the smaller half of all steps, which edges are not among."""
+    signed = samples.astype(np.int32)
+    steps = np.abs(signed[:, 2:] - signed[:, :-2]).ravel()
+    if not steps.size:
+        return 0.0
+    half = np.partition(steps, steps.size // 2)[: steps.size // 2 + 1]
+    return float(half.mean())
+
+
+def measure_black(samples: NDArray[np.uint16], cfa: str | None) -> int | Sequence[int]:
+    """Level without light of a dark frame: of each place of the quad of a mosaic, row by row.
+
+    The mean of the samples that lie in the middle: hot ones are not among them.
+    """
+    if cfa is None:
+        return _middle(samples)
+    return [_middle(samples[row::2, column::2]) for row in (0, 1) for column in (0, 1)]
+
+
+def _middle(samples: NDArray[np.uint16]) -> int:
+    low, high = np.quantile(samples, (0.1, 0.9))
+    kept = samples[(samples >= low) & (samples <= high)]
+    return round(float(kept.mean()))

@@ -1,0 +1,82 @@
+"""[camera.options] and [trigger.options] of the `genicam` drivers."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from pdcd.driver import Config, ConfigError, read_options
+
+DRIVERS = ("genicam", "virtual-genicam")
+"""Drivers that have these options."""
+
+ExposureName = Literal["timed", "width", "edge"]
+
+
+class GenicamOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Which camera, and how it is used; all may be left out where there is one camera."""
+
+    camera: str | None = None
+    """Its address on the network, its serial number, or the name that `pdcd doctor camera` lists;
+    None: the only one that is found."""
+    exposure: ExposureName = "timed"
+    """What begins and ends an exposure: "timed", a command, and the camera's own clock; "width", a
+    line that the shutter's driver holds; "edge", an edge of that line, and the camera's clock."""
+    line: Annotated[str, Meta(min_length=1)] = "Line1"
+    """The camera's input for "width" and "edge"."""
+    active_low: bool = False
+    """The camera exposes while that line is low, or from its falling edge on."""
+    margin_s: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.1
+    margin: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.1
+    """By how much longer than planned a timed exposure is, for panels that are late: so many
+    seconds, and that share of it. Panels are black meanwhile."""
+    unplanned_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 1.0
+    """How long a timed exposure lasts of which nobody said how long it is to be."""
+    pixel_format: str | None = None
+    """By its name in the camera; None: the best that is known."""
+    region: tuple[int, int, int, int] | None = None
+    """Left, top, width and height of the picture in pixels of the sensor; None: all of it."""
+    black_level: float | None = None
+    """What is set as the camera's `BlackLevel`; None: left as it is."""
+    black_dn: Annotated[int, Meta(ge=0, le=65535)] | None = None
+    """Level without light; None: measured by the shortest exposure, once for each ISO."""
+    white_dn: Annotated[int, Meta(ge=1, le=65535)] | None = None
+    """Level from which a sample is saturated; None: as the camera says, by the number of bits, or
+    as seen."""
+    packet_bytes: Annotated[int, Meta(ge=576, le=16000)] | None = None
+    """Of a camera on the network; None: as large as the way takes them."""
+    resend: bool = True
+    """Ask a camera on the network again for packets that did not come."""
+    wait_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 5.0
+    """How long a frame may take to come after the end of its exposure."""
+
+
+def read_genicam_options(config: Config) -> GenicamOptions:
+    """The options of this rig's one camera, as `drivers.ptp.options` reads those of another.
+
+    It is enough to give them in one of both tables. Raises ConfigError where they are wrong or
+    disagree.
+    """
+    roles = (
+        ("camera", config.camera.driver, config.camera.options),
+        ("trigger", config.trigger.driver, config.trigger.options),
+    )
+    given = {role: options for role, driver, options in roles if driver in DRIVERS}
+    merged: dict[str, object] = {}
+    for name, options in given.items():
+        for key, value in options.items():
+            if merged.setdefault(key, value) != value:
+                raise ConfigError(
+                    f"[{name}.options]: {key} = {value!r} is not what [camera.options] says",
+                    device="camera",
+                    hint="trigger and camera are one device: give each option once",
+                )
+    return read_options(
+        merged,
+        GenicamOptions,
+        table=" or ".join(f"{name}.options" for name in given) or "camera.options",
+        device="camera",
+        hint="docs/genicam.md lists the options of the driver genicam",
+    )

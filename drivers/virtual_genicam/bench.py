@@ -1,0 +1,149 @@
+"""The mock bench as a machine-vision camera sees it: its scene, through GigE Vision on this machine.
+
+The driver is `drivers.genicam` as it is; only who listens at 127.0.0.1 is brought along.
+"""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.driver import ConfigError, DriverContext
+
+from ..genicam.camera import GenicamCamera
+from ..genicam.device import GenicamDevice
+from ..genicam.options import read_genicam_options
+from ..genicam.pixels import BY_NAME
+from ..genicam.roles import GenicamReadout, GenicamShutter
+from ..mock.bench import MockBench
+from ..mock.camera import BenchSensor
+from .camera import VirtualExposure, VirtualGenicamCamera
+from .description import CameraDescription
+from .simulator import ADDRESS
+
+_DARK_S = 1e-3
+"""A shorter exposure is one that looks for black. Panels are, and the bench is not told of it."""
+_WAIT_S = 60.0
+"""How long a frame may take: until the light of an exposure is worked out."""
+_PLACES = {"R": ((0, 0),), "G": ((0, 1), (1, 0)), "B": ((1, 1),)}
+"""Where the bench's sensor has a colour in its quads."""
+
+
+class BenchLight:
+    """The scene of the mock bench, by the sensor profile of [camera]; the lens stands at
+    `[camera] f_number`, or f/8 where that is auto."""
+
+    def __init__(self, context: DriverContext) -> None:
+        config = context.config
+        self._bench = MockBench.of(context)
+        context.shared.photographed = True
+        self.sensor = BenchSensor(self._bench, config.camera)
+        fixed = config.camera.f_number
+        self._f_number = 8.0 if fixed == "auto" else float(fixed)
+
+    def open(self, asked_ns: int, exposure_s: float | None) -> int:
+        """Light falls on the sensor from now on."""
+        if exposure_s is None or exposure_s >= _DARK_S:
+            self._bench.open_shutter(asked_ns)
+        return asked_ns
+
+    def close(self, asked_ns: int) -> int:
+        """No longer."""
+        if self._bench.shutter_open:
+            self._bench.close_shutter(asked_ns)
+        return asked_ns
+
+    def make_samples(self, exposure: VirtualExposure) -> NDArray[np.uint16]:
+        """The bench's photo, its quads in the order of the format."""
+        shape = (exposure.height, exposure.width)
+        if exposure.exposure_s < _DARK_S:
+            return np.full(shape, self.sensor.profile.black_dn, np.uint16)
+        isos = self.sensor.profile.isos
+        wanted = 100.0 * 10.0 ** (exposure.gain_db / 20.0)
+        iso = min(isos, key=lambda known: abs(math.log(known / wanted)))
+        ((samples, _),) = self.sensor.photos(iso, self._f_number, 1)
+        return turn_mosaic(samples, exposure.pixel_format.cfa or "RGGB")
+
+
+def turn_mosaic(samples: NDArray[np.uint16], cfa: str) -> NDArray[np.uint16]:
+    """An RGGB mosaic with the samples of each quad in another order of colours."""
+    turned, used = np.empty_like(samples), dict.fromkeys("RGB", 0)
+    for place, colour in enumerate(cfa):
+        row, column = _PLACES[colour][used[colour]]
+        used[colour] += 1
+        turned[place // 2 :: 2, place % 2 :: 2] = samples[row::2, column::2]
+    return turned
+
+
+class HostedCamera(GenicamCamera):
+    """A camera of `drivers.genicam` that brings along the one which it opens."""
+
+    def __init__(self, context: DriverContext) -> None:
+        """Raises ConfigError for a bench that cannot be. Nothing listens before `open`."""
+        config = context.config
+        options = read_genicam_options(config)
+        film = BenchLight(context)
+        profile = film.sensor.profile
+        name = options.pixel_format or ("BayerRG12p" if profile.bits <= 12 else "BayerRG16")
+        if name not in BY_NAME or BY_NAME[name].cfa is None:
+            raise ConfigError(
+                f"the virtual camera has no pixel format {name}",
+                device="camera",
+                hint="take one of a mosaic: BayerRG12p, BayerGB16 ...",
+            )
+        width, height = film.sensor.frame_quads
+        self.virtual = VirtualGenicamCamera(
+            CameraDescription(
+                2 * width,
+                2 * height,
+                (BY_NAME[name],),
+                white=profile.white_dn,
+                gain_db=20.0 * math.log10(profile.isos[-1] / 100.0),
+            ),
+            film,
+            context.clock,
+        )
+        options = msgspec.structs.replace(
+            options, camera=ADDRESS, resend=False, wait_s=max(options.wait_s, _WAIT_S)
+        )
+        super().__init__(options, context.clock, config.trigger.sure_ns, context.alive)
+
+    def open(self, user: str) -> GenicamDevice:
+        """Have the camera listen, and open it."""
+        self.virtual.start()
+        return super().open(user)
+
+    def _drop(self) -> None:
+        super()._drop()
+        self.virtual.stop()
+
+
+def _host(context: DriverContext) -> DriverContext:
+    """Make this the camera of the rig, before its driver looks for one."""
+    context.the(GenicamCamera, lambda: HostedCamera(context))
+    return context
+
+
+class VirtualGenicamShutter(GenicamShutter):
+    """The shutter of a camera of the mock bench."""
+
+    maturity = "stable"
+
+    @classmethod
+    def create(cls, context: DriverContext) -> GenicamShutter:
+        """As `GenicamShutter.create`."""
+        return super().create(_host(context))
+
+
+class VirtualGenicamReadout(GenicamReadout):
+    """The readout of a camera of the mock bench."""
+
+    maturity = "stable"
+
+    @classmethod
+    def create(cls, context: DriverContext) -> GenicamReadout:
+        """As `GenicamReadout.create`."""
+        return super().create(_host(context))

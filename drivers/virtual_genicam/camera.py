@@ -1,0 +1,298 @@
+"""A machine-vision camera that is not there: exposures in time, frames of what a film shows.
+
+The simulator sends frames; when, and of what, is decided here, by a thread that looks at its
+registers: a trigger begins an exposure, the clock or the line's level ends it, and then the frame
+is sent. So light has its time, and the simulator answers its heartbeat all the while.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.driver import Clock
+
+from ..genicam.pixels import BY_CODE, PixelFormat, pack_samples
+from .description import (
+    ACQUISITION,
+    ACTIVATIONS,
+    CONTROL,
+    EXPOSURE_MODE,
+    EXPOSURE_US,
+    GAIN_CDB,
+    HEIGHT,
+    MODEL,
+    MODES,
+    PIXEL_FORMAT,
+    SEND,
+    SENDS_BY_COMMAND,
+    SENDS_BY_TRIGGER,
+    SENSOR_HEIGHT,
+    SENSOR_WIDTH,
+    SOURCES,
+    TEMPERATURE_CK,
+    TRIGGER,
+    TRIGGER_ACTIVATION,
+    TRIGGER_MODE,
+    TRIGGER_SOURCE,
+    VENDOR,
+    WAITS,
+    WHITE,
+    WIDTH,
+    CameraDescription,
+    write_description,
+)
+from .simulator import HostedSimulator
+
+logger = logging.getLogger(__name__)
+
+_LOOK_S, _IDLE_S = 0.001, 0.02
+"""How often registers are looked at, while frames may be wanted and while nobody wants any."""
+_SEND_S = 5.0
+_WARM_CK = 4150
+
+
+@dataclass(frozen=True)
+class VirtualExposure:
+    """One exposure, by the clock that the camera is on, and what the camera was set to."""
+
+    open_ns: int
+    close_ns: int
+    gain_db: float
+    width: int
+    height: int
+    pixel_format: PixelFormat
+
+    @property
+    def exposure_s(self) -> float:
+        """How long it was."""
+        return 1e-9 * (self.close_ns - self.open_ns)
+
+
+class LightFilm(Protocol):
+    """What lies behind the sensor. Called on the camera's own thread, one call at a time."""
+
+    def open(self, asked_ns: int, exposure_s: float | None) -> int:
+        """An exposure begins, of so many seconds, or as long as a line holds it; returns when it
+        really does."""
+        ...
+
+    def close(self, asked_ns: int) -> int:
+        """It ends; returns when it really does."""
+        ...
+
+    def make_samples(self, exposure: VirtualExposure) -> NDArray[np.uint16]:
+        """What the sensor makes of it, (height, width), in the format's bits."""
+        ...
+
+
+class PlainLight:
+    """A film of one function: for tests, and for scenes of one's own."""
+
+    def __init__(self, make: Callable[[VirtualExposure], NDArray[np.uint16]]) -> None:
+        self._make = make
+
+    def open(self, asked_ns: int, exposure_s: float | None) -> int:
+        """At once."""
+        return asked_ns
+
+    def close(self, asked_ns: int) -> int:
+        """At once."""
+        return asked_ns
+
+    def make_samples(self, exposure: VirtualExposure) -> NDArray[np.uint16]:
+        """What the function makes of it."""
+        return self._make(exposure)
+
+
+@dataclass
+class CameraFaults:
+    """What the camera shall do wrong; may be changed while it runs.
+
+    lost : share of packets that are lost. swapped : bytes of samples of two come the wrong way
+    round. left : so many bits samples are shifted to the left. killed_after_s : the next exposure
+    is not survived for longer than that. silent : frames are never sent.
+    """
+
+    lost: float = 0.0
+    swapped: bool = False
+    left: int = 0
+    killed_after_s: float | None = None
+    silent: bool = False
+
+
+@dataclass
+class _Running:
+    open_ns: int
+    closes_ns: int | None
+    since_ns: int
+
+
+@dataclass
+class VirtualGenicamCamera:
+    """Such a camera, which can be reached at `ADDRESS` between `start` and `stop`.
+
+    exposures : that came to their end. missed : triggers that came while one went on.
+    """
+
+    description: CameraDescription
+    film: LightFilm
+    clock: Clock
+    faults: CameraFaults = field(default_factory=CameraFaults)
+    exposures: int = 0
+    missed: int = 0
+    _line: bool = False
+    _frame: bytes = b""
+    _running: _Running | None = None
+    _simulator: HostedSimulator | None = None
+    _thread: threading.Thread | None = None
+    _ended: threading.Event = field(default_factory=threading.Event)
+
+    def start(self) -> None:
+        """Be there. Idempotent. Raises DeviceLost where another one is."""
+        if self._simulator is not None:
+            return
+        description = self.description
+        simulator = HostedSimulator(
+            write_description(description), description.serial, lambda: self._frame
+        )
+        simulator.write_text(VENDOR, "pdcd", 32)
+        simulator.write_text(MODEL, "virtual GenICam", 32)
+        for address, value in (
+            (SENSOR_WIDTH, description.width),
+            (SENSOR_HEIGHT, description.height),
+            (WIDTH, description.width),
+            (HEIGHT, description.height),
+            (PIXEL_FORMAT, description.formats[0].code),
+            (WHITE, description.white or 0),
+            (EXPOSURE_US, 10_000),
+            (TEMPERATURE_CK, _WARM_CK),
+            (SENDS_BY_TRIGGER, 1),
+            (SENDS_BY_COMMAND, 1),
+            (WAITS, 1),
+        ):
+            simulator.write(address, value)
+        self._simulator, self._running = simulator, None
+        self._ended = threading.Event()
+        self._thread = threading.Thread(
+            target=self._run, args=(simulator, self._ended), name="virtual GenICam", daemon=True
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Be gone, as by a cable that is pulled. Idempotent."""
+        thread, self._thread = self._thread, None
+        simulator, self._simulator = self._simulator, None
+        self._ended.set()
+        if thread is not None and thread is not threading.current_thread():
+            thread.join()
+        if simulator is not None:
+            simulator.close()
+
+    def hold_line(self, level: bool) -> None:
+        """Set the level of the camera's input."""
+        self._line = level
+
+    def _run(self, simulator: HostedSimulator, ended: threading.Event) -> None:
+        """Look at the registers until the camera is stopped."""
+        lost, before = 0.0, self._line
+        while not ended.is_set():
+            if self.faults.lost != lost:
+                lost = self.faults.lost
+                simulator.lose_packets(lost)
+            wanted = simulator.read(ACQUISITION) and simulator.read(CONTROL)
+            if not wanted:
+                self._running = None
+                simulator.write(WAITS, 1)
+            line = self._line
+            self._look(simulator, ended, rose=line and not before, fell=before and not line)
+            before = line
+            ended.wait(_LOOK_S if wanted else _IDLE_S)
+
+    def _look(
+        self, simulator: HostedSimulator, ended: threading.Event, *, rose: bool, fell: bool
+    ) -> None:
+        by_width = simulator.read(EXPOSURE_MODE) == MODES["TriggerWidth"]
+        if simulator.read(TRIGGER_ACTIVATION) == ACTIVATIONS["FallingEdge"]:
+            rose, fell = fell, rose
+        if self._triggered(simulator, rose=rose):
+            if self._running is not None:
+                self.missed += 1  # real cameras count it, too, and go on
+            else:
+                self._begin(simulator, by_width=by_width)
+        running, now_ns = self._running, self.clock.now_ns()
+        if running is None:
+            return
+        killed_s = self.faults.killed_after_s
+        if killed_s is not None and now_ns >= running.since_ns + round(killed_s * 1e9):
+            self.faults.killed_after_s = None
+            self.stop()
+            return
+        if by_width and fell:
+            self._end(simulator, ended, running, now_ns)
+        elif running.closes_ns is not None and now_ns >= running.closes_ns:
+            self._end(simulator, ended, running, running.closes_ns)
+
+    def _triggered(self, simulator: HostedSimulator, *, rose: bool) -> bool:
+        by_command = simulator.read(TRIGGER) != 0
+        if by_command:
+            simulator.write(TRIGGER, 0)
+        if not (simulator.read(TRIGGER_MODE) and simulator.read(ACQUISITION)):
+            return False
+        return by_command if simulator.read(TRIGGER_SOURCE) == SOURCES["Software"] else rose
+
+    def _begin(self, simulator: HostedSimulator, *, by_width: bool) -> None:
+        now_ns = self.clock.now_ns()
+        exposure_s = None if by_width else 1e-6 * simulator.read(EXPOSURE_US)
+        open_ns = self.film.open(now_ns, exposure_s)
+        closes_ns = None if exposure_s is None else open_ns + round(exposure_s * 1e9)
+        self._running = _Running(open_ns, closes_ns, now_ns)
+        simulator.write(WAITS, 0)
+
+    def _end(
+        self, simulator: HostedSimulator, ended: threading.Event, running: _Running, at_ns: int
+    ) -> None:
+        """End the exposure, and send its frame."""
+        exposure = VirtualExposure(
+            open_ns=running.open_ns,
+            close_ns=self.film.close(at_ns),
+            gain_db=0.01 * simulator.read(GAIN_CDB),
+            width=simulator.read(WIDTH),
+            height=simulator.read(HEIGHT),
+            pixel_format=BY_CODE[simulator.read(PIXEL_FORMAT)],
+        )
+        self._running = None
+        self.exposures += 1
+        try:
+            samples = self.film.make_samples(exposure)
+        # Of a film's faults there is no end; the camera goes on, without that frame.
+        except Exception as err:
+            logger.error("no frame was made error=%s: %s", type(err).__name__, err)
+            simulator.write(WAITS, 1)
+            return
+        if not self.faults.silent:
+            self._send(simulator, ended, samples, exposure.pixel_format)
+        simulator.write(WAITS, 1)
+
+    def _send(
+        self,
+        simulator: HostedSimulator,
+        ended: threading.Event,
+        samples: NDArray[np.uint16],
+        pixel_format: PixelFormat,
+    ) -> None:
+        samples = samples << self.faults.left
+        if self.faults.swapped and pixel_format.layout == "words":
+            samples = samples.byteswap()
+        self._frame = pack_samples(samples, pixel_format)
+        simulator.write(SEND, 1)
+        # The next one would take its place.
+        for _ in range(round(_SEND_S / _LOOK_S)):
+            if simulator.read(SEND) == 0 or ended.wait(_LOOK_S):
+                return

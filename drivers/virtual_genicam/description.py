@@ -1,0 +1,249 @@
+"""What the virtual camera says of itself: its GenApi description (XML), and where features lie.
+
+All registers are big-endian words of 32 bits in the memory of Aravis' simulator, below 0x10000.
+Those below 0x400 are the simulator's own, and some mean something to it: picture size, format and
+acquisition are shared, trigger and exposure are not, as the simulator knows neither time nor light.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+from ..genicam.pixels import PixelFormat
+
+# The simulator's own.
+WIDTH, HEIGHT = 0x100, 0x104
+SENSOR_HEIGHT, SENSOR_WIDTH = 0x118, 0x11C
+ACQUISITION = 0x124
+PIXEL_FORMAT = 0x128
+SENDS_BY_TRIGGER, SENDS_BY_COMMAND, SEND = 0x300, 0x304, 0x30C
+PACKET_BYTES = 0x0D04
+CONTROL = 0x0A00
+VENDOR, MODEL, SERIAL = 0x48, 0x68, 0xD8
+
+# Ours.
+EXPOSURE_US, EXPOSURE_MODE, EXPOSURE_AUTO = 0x8000, 0x8004, 0x8008
+TRIGGER_MODE, TRIGGER_SOURCE, TRIGGER_ACTIVATION, TRIGGER = 0x8010, 0x8014, 0x8018, 0x801C
+WAITS = 0x8020
+GAIN_CDB, GAIN_AUTO, BLACK_CDN = 0x8030, 0x8034, 0x8038
+WHITE, TEMPERATURE_CK = 0x8040, 0x8044
+OFFSET_X, OFFSET_Y, RATE_ENABLE = 0x8050, 0x8054, 0x8058
+
+MODES = {"Timed": 0, "TriggerWidth": 1}
+SOURCES = {"Software": 0, "Line1": 1}
+ACTIVATIONS = {"RisingEdge": 0, "FallingEdge": 1}
+_OFF = {"Off": 0, "Continuous": 1}
+
+_SCHEMA = "http://www.genicam.org/GenApi/Version_1_1"
+
+
+@dataclass(frozen=True)
+class CameraDescription:
+    """What a virtual camera is.
+
+    width, height : of its sensor, pixels. formats : that it offers. white : its white level, which
+    it tells; None: it does not. longest_s : its longest exposure. gain_db : its largest gain.
+    """
+
+    width: int
+    height: int
+    formats: tuple[PixelFormat, ...]
+    white: int | None = None
+    longest_s: float = 60.0
+    gain_db: float = 24.0
+    serial: str = "V1"
+
+
+class _Writer:
+    """Nodes of one description."""
+
+    def __init__(self) -> None:
+        self.root = Element(
+            "RegisterDescription",
+            {
+                "ModelName": "Virtual",
+                "VendorName": "pdcd",
+                "StandardNameSpace": "GEV",
+                "SchemaMajorVersion": "1",
+                "SchemaMinorVersion": "1",
+                "SchemaSubMinorVersion": "0",
+                "MajorVersion": "1",
+                "MinorVersion": "0",
+                "SubMinorVersion": "0",
+                "ToolTip": "a camera that is not there",
+                "ProductGuid": "7f9c6f4e-3d0f-4c57-9f0e-2f1f6a1b7c01",
+                "VersionGuid": "7f9c6f4e-3d0f-4c57-9f0e-2f1f6a1b7c02",
+                "xmlns": _SCHEMA,
+            },
+        )
+        self._features: dict[str, list[str]] = {}
+
+    def node(self, kind: str, name: str, category: str = "", **parts: object) -> Element:
+        """One node; with a category it is a feature of that."""
+        node = SubElement(
+            self.root, kind, {"Name": name, "NameSpace": "Standard" if category else "Custom"}
+        )
+        for tag, value in parts.items():
+            SubElement(node, tag).text = str(value)
+        if category:
+            self._features.setdefault(category, []).append(name)
+        return node
+
+    def register(self, name: str, address: int, mode: str = "RW") -> str:
+        """A word; returns its name."""
+        name = f"{name}Register"
+        # An order of parts that the schema asks for. The simulator is written to from within, too.
+        self.node(
+            "IntReg",
+            name,
+            Address=f"0x{address:X}",
+            Length=4,
+            AccessMode=mode,
+            pPort="Device",
+            Cachable="NoCache",
+            Sign="Unsigned",
+            Endianess="BigEndian",
+        )
+        return name
+
+    def text(self, name: str, category: str, address: int, length: int) -> None:
+        """A string that is only read."""
+        self.node(
+            "StringReg",
+            name,
+            category,
+            Address=f"0x{address:X}",
+            Length=length,
+            AccessMode="RO",
+            pPort="Device",
+        )
+
+    def integer(
+        self, name: str, category: str, address: int, low: int, high: int | str, mode: str = "RW"
+    ) -> None:
+        """A whole number; `high` may be another feature."""
+        node = self.node("Integer", name, category, pValue=self.register(name, address, mode))
+        SubElement(node, "Min").text = str(low)
+        SubElement(node, "Max" if isinstance(high, int) else "pMax").text = str(high)
+        SubElement(node, "Inc").text = "1"
+
+    def choice(self, name: str, category: str, address: int, entries: dict[str, int]) -> None:
+        """An enumeration."""
+        node = self.node("Enumeration", name, category)
+        for entry, value in entries.items():
+            inside = SubElement(node, "EnumEntry", {"Name": entry, "NameSpace": "Standard"})
+            SubElement(inside, "Value").text = str(value)
+        SubElement(node, "pValue").text = self.register(name, address)
+
+    def number(
+        self,
+        name: str,
+        category: str,
+        address: int,
+        per_unit: int,
+        low: float,
+        high: float,
+        mode: str = "RW",
+    ) -> None:
+        """A float that is kept in a word, `per_unit` steps to one."""
+        self.node(
+            "Converter",
+            f"{name}Converter",
+            FormulaTo=f"FROM*{per_unit}",
+            FormulaFrom=f"TO/{per_unit}.0",
+            pValue=self.register(name, address, mode),
+            Slope="Increasing",
+        )
+        self.node("Float", name, category, pValue=f"{name}Converter", Min=low, Max=high)
+
+    def command(self, name: str, category: str, register: str, value: int) -> None:
+        """A command that writes a value."""
+        self.node("Command", name, category, pValue=register, CommandValue=value)
+
+    def finish(self) -> bytes:
+        """The whole file, with its categories."""
+        self.node("Port", "Device")
+        for category, features in self._features.items():
+            node = SubElement(self.root, "Category", {"Name": category, "NameSpace": "Standard"})
+            for feature in features:
+                SubElement(node, "pFeature").text = feature
+        root = SubElement(self.root, "Category", {"Name": "Root", "NameSpace": "Standard"})
+        for category in self._features:
+            SubElement(root, "pFeature").text = category
+        return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(self.root)
+
+
+def write_description(camera: CameraDescription) -> bytes:
+    """The GenApi description of the camera, XML."""
+    xml = _Writer()
+    device, image, acquisition = "DeviceControl", "ImageFormatControl", "AcquisitionControl"
+    xml.text("DeviceVendorName", device, VENDOR, 32)
+    xml.text("DeviceModelName", device, MODEL, 32)
+    xml.text("DeviceSerialNumber", device, SERIAL, 16)
+    xml.number("DeviceTemperature", device, TEMPERATURE_CK, 100, 0.0, 100.0, "RO")
+    xml.integer("SensorWidth", image, SENSOR_WIDTH, 1, 65535, "RO")
+    xml.integer("SensorHeight", image, SENSOR_HEIGHT, 1, 65535, "RO")
+    xml.integer("Width", image, WIDTH, 1, "SensorWidth")
+    xml.integer("Height", image, HEIGHT, 1, "SensorHeight")
+    xml.integer("OffsetX", image, OFFSET_X, 0, 65535)
+    xml.integer("OffsetY", image, OFFSET_Y, 0, 65535)
+    xml.choice("PixelFormat", image, PIXEL_FORMAT, {f.name: f.code for f in camera.formats})
+    if camera.white is not None:
+        xml.integer("PixelDynamicRangeMax", image, WHITE, 0, 65535, "RO")
+    xml.choice("AcquisitionMode", acquisition, 0x12C, {"Continuous": 1})
+    started = xml.register("AcquisitionCommand", ACQUISITION)
+    xml.command("AcquisitionStart", acquisition, started, 1)
+    xml.command("AcquisitionStop", acquisition, started, 0)
+    xml.choice("ExposureMode", acquisition, EXPOSURE_MODE, MODES)
+    xml.number("ExposureTime", acquisition, EXPOSURE_US, 1, 10.0, 1e6 * camera.longest_s)
+    xml.choice("ExposureAuto", acquisition, EXPOSURE_AUTO, _OFF)
+    _write_trigger(xml, acquisition)
+    analog = "AnalogControl"
+    xml.number("Gain", analog, GAIN_CDB, 100, 0.0, camera.gain_db)
+    xml.choice("GainAuto", analog, GAIN_AUTO, _OFF)
+    xml.number("BlackLevel", analog, BLACK_CDN, 100, 0.0, 4095.0)
+    transport = "TransportLayerControl"
+    knife = xml.node("IntSwissKnife", "PayloadSize", transport)
+    for variable, feature in (("W", "Width"), ("H", "Height"), ("F", "PixelFormatRegister")):
+        SubElement(knife, "pVariable", {"Name": variable}).text = feature
+    SubElement(knife, "Formula").text = "(W * H * ((F >> 16) & 255) + 7) / 8"
+    xml.node("Integer", "TLParamsLocked", transport, Value=0, Min=0, Max=1)
+    return xml.finish()
+
+
+def _write_trigger(xml: _Writer, category: str) -> None:
+    """How exposures are started, and whether one may be."""
+    xml.node("Integer", "TriggerSelectorValue", Value=0)
+    selector = xml.node("Enumeration", "TriggerSelector", category)
+    _add_entries(selector, {"FrameStart": 0}, "TriggerSelectorValue")
+    xml.choice("TriggerMode", category, TRIGGER_MODE, {"Off": 0, "On": 1})
+    xml.choice("TriggerSource", category, TRIGGER_SOURCE, SOURCES)
+    xml.choice("TriggerActivation", category, TRIGGER_ACTIVATION, ACTIVATIONS)
+    xml.command("TriggerSoftware", category, xml.register("TriggerSoftware", TRIGGER), 1)
+    xml.node("Integer", "AcquisitionStatusSelectorValue", Value=0)
+    status = xml.node("Enumeration", "AcquisitionStatusSelector", category)
+    _add_entries(status, {"FrameTriggerWait": 0}, "AcquisitionStatusSelectorValue")
+    xml.node(
+        "Boolean",
+        "AcquisitionStatus",
+        category,
+        pValue=xml.register("AcquisitionStatus", WAITS, "RO"),
+        OnValue=1,
+        OffValue=0,
+    )
+
+
+def _add_entries(node: Element, entries: dict[str, int], value: str) -> None:
+    for entry, number in entries.items():
+        inside = SubElement(node, "EnumEntry", {"Name": entry, "NameSpace": "Standard"})
+        SubElement(inside, "Value").text = str(number)
+    SubElement(node, "pValue").text = value
+
+
+def list_formats(names: Sequence[str]) -> tuple[PixelFormat, ...]:
+    """Formats by their names. Raises KeyError for one that is unknown."""
+    from ..genicam.pixels import BY_NAME
+
+    return tuple(BY_NAME[name] for name in names)

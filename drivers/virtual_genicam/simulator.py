@@ -1,0 +1,108 @@
+"""Aravis' simulator of a GigE Vision camera, hosted in this process: its memory and its frames.
+
+It speaks the protocol on 127.0.0.1 from a thread of the library, and asks for the bytes of each
+frame from there. One at a time can be: the port is that of the protocol.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import tempfile
+from collections.abc import Callable
+from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
+from pathlib import Path
+
+from pdcd.driver import DeviceLost
+
+from ..genicam.library import AravisLibrary, load_library
+from .description import HEIGHT, PIXEL_FORMAT, WIDTH
+
+ADDRESS = "127.0.0.1"
+_FILL = CFUNCTYPE(None, c_void_p, c_void_p, c_uint32, c_uint32, c_uint32)
+_LOOKS_HZ = 1000.0
+"""How often the simulator looks whether it is to send a frame."""
+
+
+class HostedSimulator:
+    """One simulated camera that can be reached, until it is closed.
+
+    payload : called on the library's thread; returns the bytes of the frame that is due.
+    """
+
+    def __init__(self, xml: bytes, serial: str, payload: Callable[[], bytes]) -> None:
+        """Raises DeviceLost where the address is taken."""
+        self._lib: AravisLibrary = load_library()
+        self._declare()
+        self._payload = payload
+        # The library keeps the file mapped, so that the name may go at once.
+        with tempfile.NamedTemporaryFile(suffix=".xml") as file:
+            Path(file.name).write_bytes(xml)
+            self._camera: int | None = self._lib.arv.arv_gv_fake_camera_new_full(
+                ADDRESS.encode(), serial.encode(), file.name.encode()
+            )
+            running = self._lib.arv.arv_gv_fake_camera_is_running(self._camera)
+        if not running:
+            self.close()
+            raise DeviceLost(
+                f"the virtual camera cannot listen at {ADDRESS}",
+                device="camera",
+                hint="end the other virtual camera of this machine",
+            )
+        self._memory = self._lib.arv.arv_gv_fake_camera_get_fake_camera(self._camera)
+        self._on_fill = _FILL(self._fill)
+        self._lib.arv.arv_fake_camera_set_fill_pattern(self._memory, self._on_fill, None)
+        self._lib.arv.arv_fake_camera_set_trigger_frequency(self._memory, _LOOKS_HZ)
+
+    def read(self, address: int) -> int:
+        """A word of its memory; 0 once it is closed."""
+        value = c_uint32()
+        if self._camera is not None:
+            self._lib.arv.arv_fake_camera_read_register(self._memory, address, byref(value))
+        return value.value
+
+    def write(self, address: int, value: int) -> None:
+        """Write a word."""
+        if self._camera is not None:
+            self._lib.arv.arv_fake_camera_write_register(self._memory, address, value)
+
+    def write_text(self, address: int, text: str, length: int) -> None:
+        """Write a string of at most so many bytes, with zeros behind it."""
+        data = text.encode()[: length - 1].ljust(length, b"\0")
+        self._lib.arv.arv_fake_camera_write_memory(self._memory, address, length, data)
+
+    def lose_packets(self, share: float) -> None:
+        """Lose that share of the packets of frames from now on."""
+        self._lib.gobject.g_object_set(
+            c_void_p(self._camera), b"gvsp-lost-ratio", c_double(share), None
+        )
+
+    def close(self) -> None:
+        """Fall silent, as by a cable that is pulled. Idempotent."""
+        camera, self._camera = self._camera, None
+        if camera is not None:
+            self._lib.gobject.g_object_unref(camera)
+
+    def _fill(self, buffer: int, data: int, exposure_us: int, gain: int, code: int) -> None:
+        place = self._lib.arv.arv_buffer_get_data(buffer, byref(c_size_t()))
+        # The size that is told is of what was received. The buffer has that of the registers.
+        room = self._read_payload_bytes()
+        ctypes.memmove(place, self._payload()[:room].ljust(room, b"\0"), room)
+
+    def _read_payload_bytes(self) -> int:
+        pixels = self.read(WIDTH) * self.read(HEIGHT)
+        return pixels * (self.read(PIXEL_FORMAT) >> 16 & 0xFF) // 8
+
+    def _declare(self) -> None:
+        arv, pointer = self._lib.arv, c_void_p
+        for name, returned, taken in (
+            ("arv_gv_fake_camera_new_full", pointer, (c_char_p, c_char_p, c_char_p)),
+            ("arv_gv_fake_camera_is_running", c_int, (pointer,)),
+            ("arv_gv_fake_camera_get_fake_camera", pointer, (pointer,)),
+            ("arv_fake_camera_set_fill_pattern", None, (pointer, _FILL, pointer)),
+            ("arv_fake_camera_set_trigger_frequency", None, (pointer, c_double)),
+            ("arv_fake_camera_read_register", c_int, (pointer, c_uint32, pointer)),
+            ("arv_fake_camera_write_register", c_int, (pointer, c_uint32, c_uint32)),
+            ("arv_fake_camera_write_memory", c_int, (pointer, c_uint32, c_uint32, c_char_p)),
+        ):
+            function = getattr(arv, name)
+            function.restype, function.argtypes = returned, taken
