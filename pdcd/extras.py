@@ -15,7 +15,7 @@ SOURCE_ROOT = Path(__file__).resolve().parents[1]
 TARGETS = {"aiohttp": "web", "jupyterlab": "notebook"}
 """What `make` sets up from a checkout, by the package that it is about."""
 
-OPTIONAL = ("aiohttp", "distributed", "gphoto2", "jupyterlab", "matplotlib")
+OPTIONAL = ("aiohttp", "aravis-python", "distributed", "gphoto2", "jupyterlab", "matplotlib")
 """All packages that may be missing."""
 
 

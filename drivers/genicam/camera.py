@@ -435,8 +435,8 @@ def _check_exposed(exposure: _Exposure | None) -> None:
     if not exposure.closed:
         raise ExposureError("the shutter is open", device=DEVICE, hint="close it first")
     if exposure.aborted:
-        raise ExposureError(
-            "the exposure was given up before its time",
+        raise PhotoError(
+            "the exposure was given up before its time, as the shutter was closed early",
             device=DEVICE,
             hint="take it again",
         )

@@ -23,6 +23,7 @@ DEVICE = "camera"
 _DOCTOR = "pdcd doctor camera says what was found"
 _PLUG = "check power and cable; pdcd doctor camera says what answers"
 _BUFFERS = 4
+_WORD_BITS = 16
 _BASE_ISO = 100
 _GAIN_TOLERANCE_DB = 0.05
 
@@ -176,10 +177,18 @@ class GenicamDevice:
             self._set_start(options.exposure)
         self.levels = SampleLevels(self.pixel_format, self._find_white())
         with aravis_errors("its stream"):
-            if camera.on_network:
+            self.on_network = camera.on_network
+            self.packet_bytes = 0
+            if self.on_network:
                 self.packet_bytes = camera.set_packet_size(options.packet_bytes)
-            camera.open_stream(camera.get_integer("PayloadSize"), _BUFFERS, resend=options.resend)
+            self.payload_bytes = camera.get_integer("PayloadSize")
+            camera.open_stream(self.payload_bytes, _BUFFERS, resend=options.resend)
             camera.start()
+
+    @property
+    def white_known(self) -> bool:
+        """Whether the white level is known before a saturated photo shows it."""
+        return self.levels.white is not None or self.pixel_format.bits < _WORD_BITS
 
     def set_gain(self, iso: int) -> None:
         """Set the gain of an ISO number. Raises ConfigError with those that there are."""

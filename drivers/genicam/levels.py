@@ -72,8 +72,8 @@ class SampleLevels:
             return self.white
         bits = self.pixel_format.bits
         if bits == _WORD_BITS and self.zeros:
-            return 2**_WORD_BITS - 2**self.zeros
-        return 2**bits - 1
+            return (1 << _WORD_BITS) - (1 << self.zeros)
+        return (1 << bits) - 1
 
     @property
     def words(self) -> dict[str, str]:

@@ -151,7 +151,8 @@ def _unpack_stream(found: NDArray[np.uint8], bits: int, count: int) -> Samples:
     for place in range(per_group):
         byte, shift = divmod(place * bits, 8)
         samples[:, place] = groups[:, byte] >> shift | groups[:, byte + 1] << 8 - shift
-    return (samples & (1 << bits) - 1).ravel()[:count]
+    samples &= np.uint16((1 << bits) - 1)
+    return samples.ravel()[:count]
 
 
 def _unpack_triples(found: NDArray[np.uint8], bits: int, count: int) -> Samples:

@@ -1,4 +1,4 @@
-"""The mock bench as a machine-vision camera sees it: its scene, through GigE Vision on this machine.
+"""The mock bench as a machine-vision camera sees it: its scene, by GigE Vision on this machine.
 
 The driver is `drivers.genicam` as it is; only who listens at 127.0.0.1 is brought along.
 """

@@ -287,7 +287,7 @@ class VirtualGenicamCamera:
         samples: NDArray[np.uint16],
         pixel_format: PixelFormat,
     ) -> None:
-        samples = samples << self.faults.left
+        samples = np.left_shift(samples, np.uint16(self.faults.left))
         if self.faults.swapped and pixel_format.layout == "words":
             samples = samples.byteswap()
         self._frame = pack_samples(samples, pixel_format)

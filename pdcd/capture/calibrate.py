@@ -24,7 +24,7 @@ from pdcd.capture.rig import Rig, RigExposure
 from pdcd.capture.worker.calibrating import CalibrationStart, NextPhoto, OperatorTask, StepResult
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
-from pdcd.errors import Cancelled, DeviceLost, SyncError
+from pdcd.errors import Cancelled, DeviceLost, PhotoError, SyncError
 from pdcd.protocol import events
 from pdcd.protocol.events import Emit, Event, to_log_entry
 from pdcd.protocol.request import CalibrateRequest
@@ -188,8 +188,9 @@ class CalibrationRun:
             self.rig.cover(False)
 
     def _exposed(self, wanted: NextPhoto) -> PhotoRecord:
-        """Expose, again where refreshes were missed, and once where the times of the exposure
-        disagree. Raises SyncError when refreshes went on being missed."""
+        """Expose, again where refreshes were missed or the photo was lost, and once where the times
+        of the exposure disagree. Raises SyncError when refreshes went on being missed, PhotoError
+        when the last photo was lost, too."""
         settings = CameraSettings(wanted.iso, wanted.f_number if self._settable else None)
         number, spoilt, doubted = 0, 0, False
         while spoilt <= self.config.rig.retries:
@@ -197,6 +198,10 @@ class CalibrationRun:
             try:
                 done = self._expose(wanted, settings)
             except SyncError as err:  # the display gave up
+                cause, spoilt = err.message, spoilt + 1
+            except PhotoError as err:
+                if spoilt == self.config.rig.retries:
+                    raise
                 cause, spoilt = err.message, spoilt + 1
             else:
                 if done.log.missed.any():

@@ -17,7 +17,7 @@ from pdcd.capture.rig import Rig, RigExposure
 from pdcd.capture.worker.answers import AuxiliaryPhoto, PhotoOrder, PhotoOutcome, SpoiltPhoto
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
-from pdcd.errors import ExposureError, SyncError
+from pdcd.errors import ExposureError, PhotoError, SyncError
 from pdcd.panels.balance import count_lit_weights
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.protocol import events
@@ -120,11 +120,11 @@ class ShotTaker:
             self.journal.warn(f"shot {name}: presentation times are not verified")
 
     def _sound(self, wanted: PhotoOrder) -> tuple[RigExposure, float | None, str]:
-        """Expose, and once more where codes got unequal light, as often as the rig allows; once
-        where the times of the exposure disagree.
+        """Expose, and once more where codes got unequal light or the photo was lost, as often as
+        the rig allows; once where the times of the exposure disagree.
 
         Returns the exposure, its level (see `ShotRecord`), and what harm was done. Raises
-        SyncError.
+        SyncError, and PhotoError where the last photo was lost.
         """
         rig, folder, shot = self.config.rig, self.journal.folder, wanted.name
         number, spoilt, doubted = 0, 0, False
@@ -134,6 +134,12 @@ class ShotTaker:
                 done, doubt = self._expose(wanted)
             except SyncError as err:
                 if rig.on_miss == "flag":
+                    raise
+                cause = err.message
+                name = folder.set_aside(shot, number)
+                spoilt += 1
+            except PhotoError as err:
+                if spoilt == rig.retries:
                     raise
                 cause = err.message
                 name = folder.set_aside(shot, number)
@@ -172,8 +178,9 @@ class ShotTaker:
         return weights.level or None, words
 
     def _tested(self, wanted: PhotoOrder) -> RigExposure:
-        """Take a test exposure or a dark photo, again where the display gave up, as often as the
-        rig allows; once where the times of the exposure disagree. Raises SyncError."""
+        """Take a test exposure or a dark photo, again where the display gave up or the photo was
+        lost, as often as the rig allows; once where the times of the exposure disagree. Raises
+        SyncError, PhotoError."""
         rig, shot = self.config.rig, wanted.name
         number, spoilt, doubted = 0, 0, False
         while True:
@@ -183,6 +190,11 @@ class ShotTaker:
             except SyncError as err:
                 spoilt += 1
                 if rig.on_miss == "flag" or spoilt > rig.retries:
+                    raise
+                cause = err.message
+            except PhotoError as err:
+                spoilt += 1
+                if spoilt > rig.retries:
                     raise
                 cause = err.message
             else:

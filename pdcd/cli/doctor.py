@@ -22,17 +22,20 @@ def diagnose_display(args: argparse.Namespace) -> int:
 
 
 def diagnose_camera(args: argparse.Namespace) -> int:
-    """Look at the camera on the USB, without a photo; fails when anything must be mended."""
+    """Look at the camera, without a photo; fails when anything must be mended."""
     from pdcd.bench.clock import RealClock
     from pdcd.bench.devices import DriverContext
     from pdcd.capture.bench_check import examine_frame
 
-    # By name, as it loads drivers: pdcd imports none of them.
-    doctor = import_driver_module("ptp.doctor")
     # Cameras keep their own time, whatever clock the rest of the rig would run on.
     config = load_config(args.config)
     context = DriverContext(config=config, clock=RealClock())
-    findings = (*doctor.examine_ptp(context), *examine_frame(config, args.raw))
+    # By name, as drivers are loaded: pdcd imports none of them.
+    if "genicam" in (config.camera.driver, config.trigger.driver):
+        examine = import_driver_module("genicam.doctor").examine_genicam
+    else:
+        examine = import_driver_module("ptp.doctor").examine_ptp
+    findings = (*examine(context), *examine_frame(config, args.raw))
     return _report(findings, as_json=args.json)
 
 
