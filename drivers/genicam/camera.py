@@ -26,7 +26,7 @@ from pdcd.driver import (
 )
 
 from .aravis import STATUS_WORDS, RawBuffer
-from .device import DEVICE, GenicamDevice
+from .device import CAMERA_DEVICE, GenicamDevice
 from .levels import measure_black
 from .options import GenicamOptions, read_genicam_options
 from .pixels import BY_CODE, Samples, unpack_samples
@@ -120,7 +120,9 @@ class GenicamCamera:
         """The open camera. Raises DeviceLost where there is none, or it was lost."""
         if self._device is None or self._device.lost.is_set():
             raise DeviceLost(
-                "the camera is not connected", device=DEVICE, hint="connect it and start again"
+                "the camera is not connected",
+                device=CAMERA_DEVICE,
+                hint="connect it and start again",
             )
         return self._device
 
@@ -173,7 +175,9 @@ class GenicamCamera:
             device = self.device
             if self._exposure is not None and not self._exposure.closed:
                 raise ExposureError(
-                    "an exposure goes on already", device=DEVICE, hint="close the shutter first"
+                    "an exposure goes on already",
+                    device=CAMERA_DEVICE,
+                    hint="close the shutter first",
                 )
             time_s, spare_s = self._time or self._plan(None)
             self._time = None
@@ -233,7 +237,9 @@ class GenicamCamera:
         settings, self._settings = self._settings, None
         exposure, self._exposure = self._exposure, None
         if settings is None:
-            raise ExposureError("the camera was not armed", device=DEVICE, hint="call arm first")
+            raise ExposureError(
+                "the camera was not armed", device=CAMERA_DEVICE, hint="call arm first"
+            )
         if self.options.exposure != "width":
             _check_exposed(exposure)
         with self._trusted():
@@ -246,7 +252,7 @@ class GenicamCamera:
                 raise PhotoError(
                     f"the panels were done {exposure.late_s:.3g} s after the exposure of "
                     f"{exposure.time_s:.3g} s had ended",
-                    device=DEVICE,
+                    device=CAMERA_DEVICE,
                     hint="raise camera.options.margin_s, or see why refreshes are late",
                 )
             device = self.device
@@ -315,7 +321,7 @@ class GenicamCamera:
         if not self._poll(device.waits_for_trigger, False, _READY_S):
             raise PhotoError(
                 f"the camera was not ready for a trigger within {_READY_S:g} s",
-                device=DEVICE,
+                device=CAMERA_DEVICE,
                 hint="take it again",
             )
 
@@ -326,7 +332,7 @@ class GenicamCamera:
         began = self._poll(device.waits_for_trigger, True, max(_SEEN_S, min(_READY_S, time_s)))
         if not began and time_s >= _SHORT_S:
             raise PhotoError(
-                "the camera did not take the trigger", device=DEVICE, hint="take it again"
+                "the camera did not take the trigger", device=CAMERA_DEVICE, hint="take it again"
             )
         return began
 
@@ -362,12 +368,14 @@ class GenicamCamera:
                 self.device.record()  # which raises where the camera is gone
             elif device.lost.is_set():
                 raise DeviceLost(
-                    "control of the camera was lost", device=DEVICE, hint="check power and cable"
+                    "control of the camera was lost",
+                    device=CAMERA_DEVICE,
+                    hint="check power and cable",
                 )
         self._last_id = None
         raise PhotoError(
             f"no frame came within {longest_s:g} s",
-            device=DEVICE,
+            device=CAMERA_DEVICE,
             hint="take it again; if that goes on, see docs/genicam.md about packets",
         )
 
@@ -377,14 +385,14 @@ class GenicamCamera:
         if buffer.status:
             raise PhotoError(
                 f"frame {buffer.frame_id} is not whole: {STATUS_WORDS.get(buffer.status, '?')}",
-                device=DEVICE,
+                device=CAMERA_DEVICE,
                 hint="take it again; if that goes on, see docs/genicam.md about packets",
             )
         due = {(last or 0) + 1} | ({0, 1} if last is not None and last >= _LAST_ID else set())
         if last is not None and buffer.frame_id not in due:
             raise PhotoError(
                 f"frame {buffer.frame_id} came where {min(due)} was due",
-                device=DEVICE,
+                device=CAMERA_DEVICE,
                 hint="take it again; see that nothing else triggers the camera",
             )
         return buffer
@@ -398,13 +406,13 @@ class GenicamCamera:
                 f"a frame of {buffer.width} x {buffer.height} pixels, format "
                 f"{buffer.pixel_format:#x}, where {device.size} of {device.pixel_format.name} "
                 "were set",
-                device=DEVICE,
+                device=CAMERA_DEVICE,
                 hint="see that no other program sets the camera",
             )
         try:
             samples = unpack_samples(buffer.data, found, buffer.height, buffer.width)
         except ValueError as err:
-            raise PhotoError(f"{err}", device=DEVICE, hint="take it again") from err
+            raise PhotoError(f"{err}", device=CAMERA_DEVICE, hint="take it again") from err
         samples = device.levels.read(samples)
         if found.cfa is None:
             return samples
@@ -430,13 +438,13 @@ def _check_exposed(exposure: _Exposure | None) -> None:
     """Raise where there is no photo to wait for."""
     if exposure is None:
         raise ExposureError(
-            "nothing was exposed", device=DEVICE, hint="open and close the shutter first"
+            "nothing was exposed", device=CAMERA_DEVICE, hint="open and close the shutter first"
         )
     if not exposure.closed:
-        raise ExposureError("the shutter is open", device=DEVICE, hint="close it first")
+        raise ExposureError("the shutter is open", device=CAMERA_DEVICE, hint="close it first")
     if exposure.aborted:
         raise PhotoError(
             "the exposure was given up before its time, as the shutter was closed early",
-            device=DEVICE,
+            device=CAMERA_DEVICE,
             hint="take it again",
         )

@@ -19,7 +19,7 @@ from .levels import SampleLevels
 from .options import ExposureName, GenicamOptions
 from .pixels import BY_NAME, PixelFormat, choose_pixel_format
 
-DEVICE = "camera"
+CAMERA_DEVICE = "camera"
 _DOCTOR = "pdcd doctor camera says what was found"
 _PLUG = "check power and cable; pdcd doctor camera says what answers"
 _BUFFERS = 4
@@ -59,7 +59,7 @@ _SELECTORS = ("FrameStart", "FrameBurstStart", "AcquisitionStart")
 
 
 @contextmanager
-def aravis_errors(doing: str) -> Iterator[None]:
+def report_errors(doing: str) -> Iterator[None]:
     """Turn what the library reports into DeviceLost where the camera did not answer, and into
     ConfigError where it refused. `doing` says what it was asked for."""
     try:
@@ -67,10 +67,10 @@ def aravis_errors(doing: str) -> Iterator[None]:
     except AravisError as err:
         if err.lost:
             raise DeviceLost(
-                f"the camera does not answer ({doing}): {err}", device=DEVICE, hint=_PLUG
+                f"the camera does not answer ({doing}): {err}", device=CAMERA_DEVICE, hint=_PLUG
             ) from err
         raise ConfigError(
-            f"the camera refuses ({doing}): {err}", device=DEVICE, hint=_DOCTOR
+            f"the camera refuses ({doing}): {err}", device=CAMERA_DEVICE, hint=_DOCTOR
         ) from err
 
 
@@ -87,13 +87,13 @@ def find_camera(wanted: str | None) -> str:
     if not fitting:
         raise DeviceLost(
             f"no camera {wanted or ''} answers; found: {listed}".replace("  ", " "),
-            device=DEVICE,
+            device=CAMERA_DEVICE,
             hint="check power and cable, and on USB the rights (docs/genicam.md)",
         )
     if len(fitting) > 1:
         raise ConfigError(
             f"{len(fitting)} cameras answer: {listed}",
-            device=DEVICE,
+            device=CAMERA_DEVICE,
             hint="name one by its serial number as camera.options.camera",
         )
     return fitting[0].id
@@ -117,7 +117,7 @@ class GenicamDevice:
         self.unset: list[str] = []
         """What the camera has but would not be switched off."""
         identifier = find_camera(options.camera)
-        with aravis_errors("opening it"):
+        with report_errors("opening it"):
             self._camera = AravisCamera(identifier, self.lost)
         try:
             self._check_ours(identifier)
@@ -147,13 +147,13 @@ class GenicamDevice:
         if not self._camera.ours:
             raise DeviceLost(
                 f"the camera {identifier} is held by another program",
-                device=DEVICE,
+                device=CAMERA_DEVICE,
                 hint="close the maker's viewer, or the daemon that has it",
             )
 
     def _set_up(self) -> None:
         camera, options = self._camera, self.options
-        with aravis_errors("setting it up"):
+        with report_errors("setting it up"):
             for feature, word in _WORDS:
                 self._try(feature, partial(self._set_word, feature, word))
             for feature in _SWITCHES:
@@ -161,9 +161,9 @@ class GenicamDevice:
             for feature in _ONES:
                 self._try(feature, partial(camera.set_float, feature, 1.0))
         self.pixel_format = self._choose_format()
-        with aravis_errors("setting the region"):
+        with report_errors("setting the region"):
             self.size = self._set_region()
-        with aravis_errors("its exposure and gain"):
+        with report_errors("its exposure and gain"):
             self._set_start("timed")
             self._time = self._needed(_TIMES, "an exposure time")
             self.longest_s = 1e-6 * camera.bounds(self._time)[1]
@@ -176,7 +176,7 @@ class GenicamDevice:
                 camera.set_text("AcquisitionStatusSelector", "FrameTriggerWait")
             self._set_start(options.exposure)
         self.levels = SampleLevels(self.pixel_format, self._find_white())
-        with aravis_errors("its stream"):
+        with report_errors("its stream"):
             self.on_network = camera.on_network
             self.packet_bytes = 0
             if self.on_network:
@@ -195,11 +195,11 @@ class GenicamDevice:
         if iso not in self._gains:
             raise ConfigError(
                 f"ISO {iso} is not offered",
-                device=DEVICE,
+                device=CAMERA_DEVICE,
                 hint=f"take one of {', '.join(map(str, self._gains))}",
             )
         if self._gain is not None:
-            with aravis_errors(f"ISO {iso}"):
+            with report_errors(f"ISO {iso}"):
                 self._camera.set_float(self._gain, self._gains[iso])
 
     def set_exposure(self, exposure_s: float) -> float:
@@ -209,42 +209,42 @@ class GenicamDevice:
         if exposure_s > self.longest_s:
             raise ConfigError(
                 f"an exposure of {exposure_s:.3g} s is beyond the camera's {self.longest_s:.3g} s",
-                device=DEVICE,
+                device=CAMERA_DEVICE,
                 hint="show fewer codes in an exposure, or set camera.options.exposure = 'width'",
             )
-        with aravis_errors(f"an exposure of {exposure_s:.3g} s"):
+        with report_errors(f"an exposure of {exposure_s:.3g} s"):
             self._camera.set_float(self._time, 1e6 * max(exposure_s, self.shortest_s))
             return 1e-6 * self._camera.get_float(self._time)
 
     def set_start(self, exposure: ExposureName) -> None:
         """Have exposures begin and end another way; acquisition is started anew."""
-        with aravis_errors(f"exposures that are {exposure}"):
+        with report_errors(f"exposures that are {exposure}"):
             self._camera.stop()
             self._set_start(exposure)
             self._camera.start()
 
     def trigger(self) -> None:
         """Start an exposure by command."""
-        with aravis_errors("a software trigger"):
+        with report_errors("a software trigger"):
             self._camera.execute("TriggerSoftware")
 
     def waits_for_trigger(self) -> bool | None:
         """Whether it would take a trigger now; None where it does not tell."""
         if not self._tells_waiting:
             return None
-        with aravis_errors("whether it waits for a trigger"):
+        with report_errors("whether it waits for a trigger"):
             return self._camera.get_boolean("AcquisitionStatus")
 
     def abort(self) -> None:
         """Give up an exposure that goes on: no frame comes of it."""
-        with aravis_errors("ending an exposure"):
+        with report_errors("ending an exposure"):
             self._camera.stop()
             self._camera.start()
 
     def record(self) -> dict[str, str]:
         """What the camera says of itself at a photo, in its own words. Proves that it answers."""
         found = {"PixelFormat": self.pixel_format.name, **self.levels.words}
-        with aravis_errors("its record"):
+        with report_errors("its record"):
             found[self._time] = f"{self._camera.get_float(self._time):g}"
             for feature in (self._gain, "BlackLevel", "DeviceTemperature"):
                 if feature is not None and self._camera.has(feature):
@@ -285,17 +285,17 @@ class GenicamDevice:
             self._camera.set_text(feature, word)
 
     def _choose_format(self) -> PixelFormat:
-        with aravis_errors("its pixel formats"):
+        with report_errors("its pixel formats"):
             offered = self._camera.choices("PixelFormat")
         name = self.options.pixel_format or choose_pixel_format(offered)
         if name is None or name not in offered or name not in BY_NAME:
             what = "no known pixel format" if name is None else f"pixel format {name}"
             raise ConfigError(
                 f"{what} of a camera with {', '.join(offered)}",
-                device=DEVICE,
+                device=CAMERA_DEVICE,
                 hint="name one as camera.options.pixel_format: Mono12p, BayerRG12p ...",
             )
-        with aravis_errors(f"pixel format {name}"):
+        with report_errors(f"pixel format {name}"):
             self._camera.set_text("PixelFormat", name)
         return BY_NAME[name]
 
@@ -322,7 +322,7 @@ class GenicamDevice:
         if wanted not in offered:
             raise ConfigError(
                 f"the camera has no ExposureMode {wanted}, but {', '.join(offered)}",
-                device=DEVICE,
+                device=CAMERA_DEVICE,
                 hint="set camera.options.exposure = 'timed'",
             )
         if has:
@@ -372,7 +372,7 @@ class GenicamDevice:
         """White level as the user or the camera says; None where nobody does."""
         if self.options.white_dn is not None or not self._camera.has("PixelDynamicRangeMax"):
             return self.options.white_dn
-        with aravis_errors("its white level"):
+        with report_errors("its white level"):
             told = self._camera.get_integer("PixelDynamicRangeMax")
         return told if 0 < told < 2**self.pixel_format.bits else None
 
@@ -380,12 +380,12 @@ class GenicamDevice:
         found = next((name for name in names if self._camera.has(name)), None)
         if found is None:
             raise ConfigError(
-                f"the camera has no {names[0]}", device=DEVICE, hint=f"use one with {what}"
+                f"the camera has no {names[0]}", device=CAMERA_DEVICE, hint=f"use one with {what}"
             )
         return found
 
     def _first_text(self, features: tuple[str, ...]) -> str:
-        with aravis_errors("what it is"):
+        with report_errors("what it is"):
             for feature in features:
                 if self._camera.has(feature):
                     return self._camera.get_text(feature).strip()

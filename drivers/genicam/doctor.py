@@ -12,7 +12,7 @@ from pathlib import Path
 from pdcd.driver import DriverContext, Finding, PdcdError, fault
 
 from .aravis import list_cameras
-from .device import DEVICE, GenicamDevice, describe_camera
+from .device import CAMERA_DEVICE, GenicamDevice, describe_camera
 from .library import load_library
 from .options import read_genicam_options
 
@@ -51,7 +51,7 @@ def examine_genicam(context: DriverContext) -> Iterator[Finding]:
         finally:
             device.close()
     except PdcdError as err:
-        yield fault("camera", err, DEVICE)
+        yield fault("camera", err, CAMERA_DEVICE)
 
 
 def _examine_device(device: GenicamDevice) -> Iterator[Finding]:

@@ -21,6 +21,8 @@ _CONVERTERS = (10, 12, 14)
 _SWAPPED = 8.0
 """By how much rougher a picture must be one way round than the other, for its byte order to show:
 swapped, steps of one become steps of 256."""
+_MANY, _SOME = 64, 20000
+"""Different values, among so many samples, from which bits that are never set mean something."""
 _LEAST_ROUGHNESS = 0.05
 """Mean step between neighbours, DN, below which nothing shows."""
 
@@ -89,20 +91,39 @@ class SampleLevels:
 def find_byte_order(samples: Samples, bits: int) -> bool | None:
     """Whether the bytes of samples come the wrong way round; None where it does not show.
 
-    bits : of the format; a value beyond them cannot be. Else neighbours tell: light and noise are
-    smooth but for steps of a few DN, and seen the wrong way round these are steps of hundreds.
+    bits : of the format; a value beyond them cannot be. Of 16, those that a converter of fewer does
+    not set lie at one end, and the wrong way round in the middle. Else neighbours tell: light and
+    noise are smooth but for steps of a few DN, and seen the wrong way round these are hundreds.
     """
     swapped = samples.byteswap()
     if bits < _WORD_BITS:
         beyond, beyond_swapped = (int(seen.max()) >> bits for seen in (samples, swapped))
         if bool(beyond) is not bool(beyond_swapped):
             return bool(beyond)
+    torn, torn_swapped = (_is_torn(seen) for seen in (samples, swapped))
+    if torn is not torn_swapped:
+        return torn
     native_dn, swapped_dn = _roughness(samples), _roughness(swapped)
     if max(native_dn, swapped_dn) < _LEAST_ROUGHNESS:
         return None
     if swapped_dn * _SWAPPED < native_dn:
         return True
     return False if native_dn * _SWAPPED < swapped_dn else None
+
+
+def _is_torn(samples: Samples) -> bool:
+    """Whether bits beside the border of both bytes are never set, and some on either side are."""
+    some = samples.ravel()[:: max(1, samples.size // _SOME)]
+    if np.unique(some).size < _MANY:
+        return False
+    used = int(np.bitwise_or.reduce(samples, axis=None))
+    for bits in _CONVERTERS:
+        unset = (1 << _WORD_BITS - bits) - 1
+        for gap in (unset << 8, unset << bits - 8):
+            below, above = (gap & -gap) - 1, ~(gap | (gap - 1)) & 0xFFFF
+            if not used & gap and used & below and used & above:
+                return True
+    return False
 
 
 def _roughness(samples: Samples) -> float:

@@ -121,7 +121,7 @@ class AravisLibrary:
         return ".".join(str(part()) for part in parts)
 
 
-def list_candidates() -> tuple[str, ...]:
+def list_libraries() -> tuple[str, ...]:
     """Where the library may be, in the order in which it is looked for: in the wheel, which
     somebody has put into this very environment, then where the system has its own."""
     spec = importlib.util.find_spec(_WHEEL_MODULE)
@@ -134,11 +134,11 @@ def list_candidates() -> tuple[str, ...]:
 def load_library(path: str | None = None) -> AravisLibrary:
     """Load libaravis, once for the process.
 
-    path : one library, and no other; None: the first that loads of `list_candidates`. Raises
+    path : one library, and no other; None: the first that loads of `list_libraries`. Raises
     ModuleNotFoundError for `WHEEL`, which the registry of drivers words for the user.
     """
     reasons = []
-    for candidate in list_candidates() if path is None else (path,):
+    for candidate in list_libraries() if path is None else (path,):
         try:
             return _declare(candidate)
         except (OSError, AttributeError) as err:

@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from pdcd.driver import Config, ConfigError, read_options
 
-DRIVERS = ("genicam", "virtual-genicam")
+GENICAM_DRIVERS = ("genicam", "virtual-genicam")
 """Drivers that have these options."""
 
 ExposureName = Literal["timed", "width", "edge"]
@@ -63,7 +63,7 @@ def read_genicam_options(config: Config) -> GenicamOptions:
         ("camera", config.camera.driver, config.camera.options),
         ("trigger", config.trigger.driver, config.trigger.options),
     )
-    given = {role: options for role, driver, options in roles if driver in DRIVERS}
+    given = {role: options for role, driver, options in roles if driver in GENICAM_DRIVERS}
     merged: dict[str, object] = {}
     for name, options in given.items():
         for key, value in options.items():

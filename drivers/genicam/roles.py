@@ -18,7 +18,7 @@ from pdcd.driver import (
 
 from .camera import GenicamCamera
 from .library import load_library
-from .options import DRIVERS
+from .options import GENICAM_DRIVERS
 
 # At once: a machine without the library does not have these drivers, and `pdcd drivers` says why.
 load_library()
@@ -43,7 +43,7 @@ class GenicamShutter:
         """The shutter of this rig's camera. Raises ConfigError where another driver reads it out,
         or its exposures are the width of a line that another driver holds."""
         camera, readout = GenicamCamera.of(context), context.config.camera.driver
-        if readout not in DRIVERS:
+        if readout not in GENICAM_DRIVERS:
             raise ConfigError(
                 f"the shutter is a machine-vision camera and the readout is {readout!r}",
                 device=_SHUTTER,
@@ -97,7 +97,7 @@ class GenicamReadout:
     def create(cls, context: DriverContext) -> GenicamReadout:
         """The readout of this rig's camera. Raises ConfigError where nothing would start it."""
         camera, config = GenicamCamera.of(context), context.config
-        if camera.options.exposure != "width" and config.trigger.driver not in DRIVERS:
+        if camera.options.exposure != "width" and config.trigger.driver not in GENICAM_DRIVERS:
             raise ConfigError(
                 f"exposures of a camera that times them are started by the camera's own driver, "
                 f"not by {config.trigger.driver!r}",

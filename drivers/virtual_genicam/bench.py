@@ -22,7 +22,7 @@ from ..mock.bench import MockBench
 from ..mock.camera import BenchSensor
 from .camera import VirtualExposure, VirtualGenicamCamera
 from .description import CameraDescription
-from .simulator import ADDRESS
+from .simulator import VIRTUAL_ADDRESS
 
 _DARK_S = 1e-3
 """A shorter exposure is one that looks for black. Panels are, and the bench is not told of it."""
@@ -65,10 +65,10 @@ class BenchLight:
         wanted = 100.0 * 10.0 ** (exposure.gain_db / 20.0)
         iso = min(isos, key=lambda known: abs(math.log(known / wanted)))
         ((samples, _),) = self.sensor.photos(iso, self._f_number, 1)
-        return turn_mosaic(samples, exposure.pixel_format.cfa or "RGGB")
+        return order_mosaic(samples, exposure.pixel_format.cfa or "RGGB")
 
 
-def turn_mosaic(samples: NDArray[np.uint16], cfa: str) -> NDArray[np.uint16]:
+def order_mosaic(samples: NDArray[np.uint16], cfa: str) -> NDArray[np.uint16]:
     """An RGGB mosaic with the samples of each quad in another order of colours."""
     turned, used = np.empty_like(samples), dict.fromkeys("RGB", 0)
     for place, colour in enumerate(cfa):
@@ -107,7 +107,7 @@ class HostedCamera(GenicamCamera):
             context.clock,
         )
         options = msgspec.structs.replace(
-            options, camera=ADDRESS, resend=False, wait_s=max(options.wait_s, _WAIT_S)
+            options, camera=VIRTUAL_ADDRESS, resend=False, wait_s=max(options.wait_s, _WAIT_S)
         )
         super().__init__(options, context.clock, config.trigger.sure_ns, context.alive)
 

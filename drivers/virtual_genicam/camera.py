@@ -20,32 +20,11 @@ from pdcd.driver import Clock
 
 from ..genicam.pixels import BY_CODE, PixelFormat, pack_samples
 from .description import (
-    ACQUISITION,
-    ACTIVATIONS,
-    CONTROL,
-    EXPOSURE_MODE,
-    EXPOSURE_US,
-    GAIN_CDB,
-    HEIGHT,
-    MODEL,
-    MODES,
-    PIXEL_FORMAT,
-    SEND,
-    SENDS_BY_COMMAND,
-    SENDS_BY_TRIGGER,
-    SENSOR_HEIGHT,
-    SENSOR_WIDTH,
-    SOURCES,
-    TEMPERATURE_CK,
-    TRIGGER,
-    TRIGGER_ACTIVATION,
-    TRIGGER_MODE,
-    TRIGGER_SOURCE,
-    VENDOR,
-    WAITS,
-    WHITE,
-    WIDTH,
+    EXPOSURE_MODES,
+    TRIGGER_ACTIVATIONS,
+    TRIGGER_SOURCES,
     CameraDescription,
+    Register,
     write_description,
 )
 from .simulator import HostedSimulator
@@ -55,7 +34,7 @@ logger = logging.getLogger(__name__)
 _LOOK_S, _IDLE_S = 0.001, 0.02
 """How often registers are looked at, while frames may be wanted and while nobody wants any."""
 _SEND_S = 5.0
-_WARM_CK = 4150
+_WARM_CC = 4150
 
 
 @dataclass(frozen=True)
@@ -136,7 +115,7 @@ class _Running:
 
 @dataclass
 class VirtualGenicamCamera:
-    """Such a camera, which can be reached at `ADDRESS` between `start` and `stop`.
+    """Such a camera, which can be reached at `VIRTUAL_ADDRESS` between `start` and `stop`.
 
     exposures : that came to their end. missed : triggers that came while one went on.
     """
@@ -162,20 +141,20 @@ class VirtualGenicamCamera:
         simulator = HostedSimulator(
             write_description(description), description.serial, lambda: self._frame
         )
-        simulator.write_text(VENDOR, "pdcd", 32)
-        simulator.write_text(MODEL, "virtual GenICam", 32)
+        simulator.write_text(Register.VENDOR, "pdcd", 32)
+        simulator.write_text(Register.MODEL, "virtual GenICam", 32)
         for address, value in (
-            (SENSOR_WIDTH, description.width),
-            (SENSOR_HEIGHT, description.height),
-            (WIDTH, description.width),
-            (HEIGHT, description.height),
-            (PIXEL_FORMAT, description.formats[0].code),
-            (WHITE, description.white or 0),
-            (EXPOSURE_US, 10_000),
-            (TEMPERATURE_CK, _WARM_CK),
-            (SENDS_BY_TRIGGER, 1),
-            (SENDS_BY_COMMAND, 1),
-            (WAITS, 1),
+            (Register.SENSOR_WIDTH, description.width),
+            (Register.SENSOR_HEIGHT, description.height),
+            (Register.WIDTH, description.width),
+            (Register.HEIGHT, description.height),
+            (Register.PIXEL_FORMAT, description.formats[0].code),
+            (Register.WHITE, description.white or 0),
+            (Register.EXPOSURE_US, 10_000),
+            (Register.TEMPERATURE_CC, _WARM_CC),
+            (Register.SENDS_BY_TRIGGER, 1),
+            (Register.SENDS_BY_COMMAND, 1),
+            (Register.WAITS, 1),
         ):
             simulator.write(address, value)
         self._simulator, self._running = simulator, None
@@ -206,10 +185,10 @@ class VirtualGenicamCamera:
             if self.faults.lost != lost:
                 lost = self.faults.lost
                 simulator.lose_packets(lost)
-            wanted = simulator.read(ACQUISITION) and simulator.read(CONTROL)
+            wanted = simulator.read(Register.ACQUISITION) and simulator.read(Register.CONTROL)
             if not wanted:
                 self._running = None
-                simulator.write(WAITS, 1)
+                simulator.write(Register.WAITS, 1)
             line = self._line
             self._look(simulator, ended, rose=line and not before, fell=before and not line)
             before = line
@@ -218,8 +197,8 @@ class VirtualGenicamCamera:
     def _look(
         self, simulator: HostedSimulator, ended: threading.Event, *, rose: bool, fell: bool
     ) -> None:
-        by_width = simulator.read(EXPOSURE_MODE) == MODES["TriggerWidth"]
-        if simulator.read(TRIGGER_ACTIVATION) == ACTIVATIONS["FallingEdge"]:
+        by_width = simulator.read(Register.EXPOSURE_MODE) == EXPOSURE_MODES["TriggerWidth"]
+        if simulator.read(Register.TRIGGER_ACTIVATION) == TRIGGER_ACTIVATIONS["FallingEdge"]:
             rose, fell = fell, rose
         if self._triggered(simulator, rose=rose):
             if self._running is not None:
@@ -240,20 +219,24 @@ class VirtualGenicamCamera:
             self._end(simulator, ended, running, running.closes_ns)
 
     def _triggered(self, simulator: HostedSimulator, *, rose: bool) -> bool:
-        by_command = simulator.read(TRIGGER) != 0
+        by_command = simulator.read(Register.TRIGGER) != 0
         if by_command:
-            simulator.write(TRIGGER, 0)
-        if not (simulator.read(TRIGGER_MODE) and simulator.read(ACQUISITION)):
+            simulator.write(Register.TRIGGER, 0)
+        if not (simulator.read(Register.TRIGGER_MODE) and simulator.read(Register.ACQUISITION)):
             return False
-        return by_command if simulator.read(TRIGGER_SOURCE) == SOURCES["Software"] else rose
+        return (
+            by_command
+            if simulator.read(Register.TRIGGER_SOURCE) == TRIGGER_SOURCES["Software"]
+            else rose
+        )
 
     def _begin(self, simulator: HostedSimulator, *, by_width: bool) -> None:
         now_ns = self.clock.now_ns()
-        exposure_s = None if by_width else 1e-6 * simulator.read(EXPOSURE_US)
+        exposure_s = None if by_width else 1e-6 * simulator.read(Register.EXPOSURE_US)
         open_ns = self.film.open(now_ns, exposure_s)
         closes_ns = None if exposure_s is None else open_ns + round(exposure_s * 1e9)
         self._running = _Running(open_ns, closes_ns, now_ns)
-        simulator.write(WAITS, 0)
+        simulator.write(Register.WAITS, 0)
 
     def _end(
         self, simulator: HostedSimulator, ended: threading.Event, running: _Running, at_ns: int
@@ -262,10 +245,10 @@ class VirtualGenicamCamera:
         exposure = VirtualExposure(
             open_ns=running.open_ns,
             close_ns=self.film.close(at_ns),
-            gain_db=0.01 * simulator.read(GAIN_CDB),
-            width=simulator.read(WIDTH),
-            height=simulator.read(HEIGHT),
-            pixel_format=BY_CODE[simulator.read(PIXEL_FORMAT)],
+            gain_db=0.01 * simulator.read(Register.GAIN_CDB),
+            width=simulator.read(Register.WIDTH),
+            height=simulator.read(Register.HEIGHT),
+            pixel_format=BY_CODE[simulator.read(Register.PIXEL_FORMAT)],
         )
         self._running = None
         self.exposures += 1
@@ -274,11 +257,11 @@ class VirtualGenicamCamera:
         # Of a film's faults there is no end; the camera goes on, without that frame.
         except Exception as err:
             logger.error("no frame was made error=%s: %s", type(err).__name__, err)
-            simulator.write(WAITS, 1)
+            simulator.write(Register.WAITS, 1)
             return
         if not self.faults.silent:
             self._send(simulator, ended, samples, exposure.pixel_format)
-        simulator.write(WAITS, 1)
+        simulator.write(Register.WAITS, 1)
 
     def _send(
         self,
@@ -291,8 +274,8 @@ class VirtualGenicamCamera:
         if self.faults.swapped and pixel_format.layout == "words":
             samples = samples.byteswap()
         self._frame = pack_samples(samples, pixel_format)
-        simulator.write(SEND, 1)
+        simulator.write(Register.SEND, 1)
         # The next one would take its place.
         for _ in range(round(_SEND_S / _LOOK_S)):
-            if simulator.read(SEND) == 0 or ended.wait(_LOOK_S):
+            if simulator.read(Register.SEND) == 0 or ended.wait(_LOOK_S):
                 return

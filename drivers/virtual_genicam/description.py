@@ -7,33 +7,51 @@ acquisition are shared, trigger and exposure are not, as the simulator knows nei
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 from ..genicam.pixels import PixelFormat
 
-# The simulator's own.
-WIDTH, HEIGHT = 0x100, 0x104
-SENSOR_HEIGHT, SENSOR_WIDTH = 0x118, 0x11C
-ACQUISITION = 0x124
-PIXEL_FORMAT = 0x128
-SENDS_BY_TRIGGER, SENDS_BY_COMMAND, SEND = 0x300, 0x304, 0x30C
-PACKET_BYTES = 0x0D04
-CONTROL = 0x0A00
-VENDOR, MODEL, SERIAL = 0x48, 0x68, 0xD8
 
-# Ours.
-EXPOSURE_US, EXPOSURE_MODE, EXPOSURE_AUTO = 0x8000, 0x8004, 0x8008
-TRIGGER_MODE, TRIGGER_SOURCE, TRIGGER_ACTIVATION, TRIGGER = 0x8010, 0x8014, 0x8018, 0x801C
-WAITS = 0x8020
-GAIN_CDB, GAIN_AUTO, BLACK_CDN = 0x8030, 0x8034, 0x8038
-WHITE, TEMPERATURE_CK = 0x8040, 0x8044
-OFFSET_X, OFFSET_Y, RATE_ENABLE = 0x8050, 0x8054, 0x8058
+class Register(IntEnum):
+    """Addresses: first the simulator's own, then ours. Units are in the names: us, hundredths of a
+    dB, of a DN, of a degree Celsius."""
 
-MODES = {"Timed": 0, "TriggerWidth": 1}
-SOURCES = {"Software": 0, "Line1": 1}
-ACTIVATIONS = {"RisingEdge": 0, "FallingEdge": 1}
+    VENDOR = 0x48
+    MODEL = 0x68
+    SERIAL = 0xD8
+    WIDTH = 0x100
+    HEIGHT = 0x104
+    SENSOR_HEIGHT = 0x118
+    SENSOR_WIDTH = 0x11C
+    ACQUISITION = 0x124
+    PIXEL_FORMAT = 0x128
+    ACQUISITION_MODE = 0x12C
+    SENDS_BY_TRIGGER = 0x300
+    SENDS_BY_COMMAND = 0x304
+    SEND = 0x30C
+    CONTROL = 0xA00
+    EXPOSURE_US = 0x8000
+    EXPOSURE_MODE = 0x8004
+    EXPOSURE_AUTO = 0x8008
+    TRIGGER_MODE = 0x8010
+    TRIGGER_SOURCE = 0x8014
+    TRIGGER_ACTIVATION = 0x8018
+    TRIGGER = 0x801C
+    WAITS = 0x8020
+    GAIN_CDB = 0x8030
+    GAIN_AUTO = 0x8034
+    BLACK_CDN = 0x8038
+    WHITE = 0x8040
+    TEMPERATURE_CC = 0x8044
+    OFFSET_X = 0x8050
+    OFFSET_Y = 0x8054
+
+
+EXPOSURE_MODES = {"Timed": 0, "TriggerWidth": 1}
+TRIGGER_SOURCES = {"Software": 0, "Line1": 1}
+TRIGGER_ACTIVATIONS = {"RisingEdge": 0, "FallingEdge": 1}
 _OFF = {"Off": 0, "Continuous": 1}
 
 _SCHEMA = "http://www.genicam.org/GenApi/Version_1_1"
@@ -179,31 +197,33 @@ def write_description(camera: CameraDescription) -> bytes:
     """The GenApi description of the camera, XML."""
     xml = _Writer()
     device, image, acquisition = "DeviceControl", "ImageFormatControl", "AcquisitionControl"
-    xml.text("DeviceVendorName", device, VENDOR, 32)
-    xml.text("DeviceModelName", device, MODEL, 32)
-    xml.text("DeviceSerialNumber", device, SERIAL, 16)
-    xml.number("DeviceTemperature", device, TEMPERATURE_CK, 100, 0.0, 100.0, "RO")
-    xml.integer("SensorWidth", image, SENSOR_WIDTH, 1, 65535, "RO")
-    xml.integer("SensorHeight", image, SENSOR_HEIGHT, 1, 65535, "RO")
-    xml.integer("Width", image, WIDTH, 1, "SensorWidth")
-    xml.integer("Height", image, HEIGHT, 1, "SensorHeight")
-    xml.integer("OffsetX", image, OFFSET_X, 0, 65535)
-    xml.integer("OffsetY", image, OFFSET_Y, 0, 65535)
-    xml.choice("PixelFormat", image, PIXEL_FORMAT, {f.name: f.code for f in camera.formats})
+    xml.text("DeviceVendorName", device, Register.VENDOR, 32)
+    xml.text("DeviceModelName", device, Register.MODEL, 32)
+    xml.text("DeviceSerialNumber", device, Register.SERIAL, 16)
+    xml.number("DeviceTemperature", device, Register.TEMPERATURE_CC, 100, 0.0, 100.0, "RO")
+    xml.integer("SensorWidth", image, Register.SENSOR_WIDTH, 1, 65535, "RO")
+    xml.integer("SensorHeight", image, Register.SENSOR_HEIGHT, 1, 65535, "RO")
+    xml.integer("Width", image, Register.WIDTH, 1, "SensorWidth")
+    xml.integer("Height", image, Register.HEIGHT, 1, "SensorHeight")
+    xml.integer("OffsetX", image, Register.OFFSET_X, 0, 65535)
+    xml.integer("OffsetY", image, Register.OFFSET_Y, 0, 65535)
+    xml.choice(
+        "PixelFormat", image, Register.PIXEL_FORMAT, {f.name: f.code for f in camera.formats}
+    )
     if camera.white is not None:
-        xml.integer("PixelDynamicRangeMax", image, WHITE, 0, 65535, "RO")
-    xml.choice("AcquisitionMode", acquisition, 0x12C, {"Continuous": 1})
-    started = xml.register("AcquisitionCommand", ACQUISITION)
+        xml.integer("PixelDynamicRangeMax", image, Register.WHITE, 0, 65535, "RO")
+    xml.choice("AcquisitionMode", acquisition, Register.ACQUISITION_MODE, {"Continuous": 1})
+    started = xml.register("AcquisitionCommand", Register.ACQUISITION)
     xml.command("AcquisitionStart", acquisition, started, 1)
     xml.command("AcquisitionStop", acquisition, started, 0)
-    xml.choice("ExposureMode", acquisition, EXPOSURE_MODE, MODES)
-    xml.number("ExposureTime", acquisition, EXPOSURE_US, 1, 10.0, 1e6 * camera.longest_s)
-    xml.choice("ExposureAuto", acquisition, EXPOSURE_AUTO, _OFF)
+    xml.choice("ExposureMode", acquisition, Register.EXPOSURE_MODE, EXPOSURE_MODES)
+    xml.number("ExposureTime", acquisition, Register.EXPOSURE_US, 1, 10.0, 1e6 * camera.longest_s)
+    xml.choice("ExposureAuto", acquisition, Register.EXPOSURE_AUTO, _OFF)
     _write_trigger(xml, acquisition)
     analog = "AnalogControl"
-    xml.number("Gain", analog, GAIN_CDB, 100, 0.0, camera.gain_db)
-    xml.choice("GainAuto", analog, GAIN_AUTO, _OFF)
-    xml.number("BlackLevel", analog, BLACK_CDN, 100, 0.0, 4095.0)
+    xml.number("Gain", analog, Register.GAIN_CDB, 100, 0.0, camera.gain_db)
+    xml.choice("GainAuto", analog, Register.GAIN_AUTO, _OFF)
+    xml.number("BlackLevel", analog, Register.BLACK_CDN, 100, 0.0, 4095.0)
     transport = "TransportLayerControl"
     knife = xml.node("IntSwissKnife", "PayloadSize", transport)
     for variable, feature in (("W", "Width"), ("H", "Height"), ("F", "PixelFormatRegister")):
@@ -218,10 +238,10 @@ def _write_trigger(xml: _Writer, category: str) -> None:
     xml.node("Integer", "TriggerSelectorValue", Value=0)
     selector = xml.node("Enumeration", "TriggerSelector", category)
     _add_entries(selector, {"FrameStart": 0}, "TriggerSelectorValue")
-    xml.choice("TriggerMode", category, TRIGGER_MODE, {"Off": 0, "On": 1})
-    xml.choice("TriggerSource", category, TRIGGER_SOURCE, SOURCES)
-    xml.choice("TriggerActivation", category, TRIGGER_ACTIVATION, ACTIVATIONS)
-    xml.command("TriggerSoftware", category, xml.register("TriggerSoftware", TRIGGER), 1)
+    xml.choice("TriggerMode", category, Register.TRIGGER_MODE, {"Off": 0, "On": 1})
+    xml.choice("TriggerSource", category, Register.TRIGGER_SOURCE, TRIGGER_SOURCES)
+    xml.choice("TriggerActivation", category, Register.TRIGGER_ACTIVATION, TRIGGER_ACTIVATIONS)
+    xml.command("TriggerSoftware", category, xml.register("TriggerSoftware", Register.TRIGGER), 1)
     xml.node("Integer", "AcquisitionStatusSelectorValue", Value=0)
     status = xml.node("Enumeration", "AcquisitionStatusSelector", category)
     _add_entries(status, {"FrameTriggerWait": 0}, "AcquisitionStatusSelectorValue")
@@ -229,7 +249,7 @@ def _write_trigger(xml: _Writer, category: str) -> None:
         "Boolean",
         "AcquisitionStatus",
         category,
-        pValue=xml.register("AcquisitionStatus", WAITS, "RO"),
+        pValue=xml.register("AcquisitionStatus", Register.WAITS, "RO"),
         OnValue=1,
         OffValue=0,
     )
@@ -240,10 +260,3 @@ def _add_entries(node: Element, entries: dict[str, int], value: str) -> None:
         inside = SubElement(node, "EnumEntry", {"Name": entry, "NameSpace": "Standard"})
         SubElement(inside, "Value").text = str(number)
     SubElement(node, "pValue").text = value
-
-
-def list_formats(names: Sequence[str]) -> tuple[PixelFormat, ...]:
-    """Formats by their names. Raises KeyError for one that is unknown."""
-    from ..genicam.pixels import BY_NAME
-
-    return tuple(BY_NAME[name] for name in names)

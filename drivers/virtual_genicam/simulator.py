@@ -15,9 +15,9 @@ from pathlib import Path
 from pdcd.driver import DeviceLost
 
 from ..genicam.library import AravisLibrary, load_library
-from .description import HEIGHT, PIXEL_FORMAT, WIDTH
+from .description import Register
 
-ADDRESS = "127.0.0.1"
+VIRTUAL_ADDRESS = "127.0.0.1"
 _FILL = CFUNCTYPE(None, c_void_p, c_void_p, c_uint32, c_uint32, c_uint32)
 _LOOKS_HZ = 1000.0
 """How often the simulator looks whether it is to send a frame."""
@@ -38,13 +38,13 @@ class HostedSimulator:
         with tempfile.NamedTemporaryFile(suffix=".xml") as file:
             Path(file.name).write_bytes(xml)
             self._camera: int | None = self._lib.arv.arv_gv_fake_camera_new_full(
-                ADDRESS.encode(), serial.encode(), file.name.encode()
+                VIRTUAL_ADDRESS.encode(), serial.encode(), file.name.encode()
             )
             running = self._lib.arv.arv_gv_fake_camera_is_running(self._camera)
         if not running:
             self.close()
             raise DeviceLost(
-                f"the virtual camera cannot listen at {ADDRESS}",
+                f"the virtual camera cannot listen at {VIRTUAL_ADDRESS}",
                 device="camera",
                 hint="end the other virtual camera of this machine",
             )
@@ -89,8 +89,8 @@ class HostedSimulator:
         ctypes.memmove(place, self._payload()[:room].ljust(room, b"\0"), room)
 
     def _read_payload_bytes(self) -> int:
-        pixels = self.read(WIDTH) * self.read(HEIGHT)
-        return pixels * (self.read(PIXEL_FORMAT) >> 16 & 0xFF) // 8
+        pixels = self.read(Register.WIDTH) * self.read(Register.HEIGHT)
+        return pixels * (self.read(Register.PIXEL_FORMAT) >> 16 & 0xFF) // 8
 
     def _declare(self) -> None:
         arv, pointer = self._lib.arv, c_void_p
