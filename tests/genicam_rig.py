@@ -128,3 +128,8 @@ def shoot(camera: GenicamCamera, settings: CameraSettings = SETTINGS) -> PhotoFr
     camera.clock.sleep_until_ns(open_ns + round((settings.exposure_s or 0.0) * 1e9))
     camera.end()
     return camera.fetch(60.0)
+
+
+def blacks(photo: PhotoFrame) -> list[int]:
+    """Level without light of each place of the quad, or of the one place."""
+    return [photo.black] if isinstance(photo.black, int) else list(photo.black)

@@ -8,7 +8,6 @@ whose frame did not come whole, and both are taken again by whoever takes photos
 
 from __future__ import annotations
 
-import logging
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
@@ -25,18 +24,12 @@ from pdcd.driver import (
     PhotoFrame,
 )
 
-from .aravis import STATUS_WORDS, RawBuffer
+from .aravis import RawBuffer
 from .device import CAMERA_DEVICE, GenicamDevice
+from .frames import FrameReceiver
 from .levels import measure_black
 from .options import GenicamOptions, read_genicam_options
-from .pixels import BY_CODE, Samples, unpack_samples
 
-logger = logging.getLogger(__name__)
-
-_SLICE_S = 0.1
-"""So long a call waits within the library before it looks about."""
-_ASK_S = 1.5
-"""After so long without a frame the camera is asked whether it is still there."""
 _READY_S = 1.0
 """How long a camera may take until it waits for a trigger, and until it has taken one: some need
 most of a second after settings changed."""
@@ -48,7 +41,6 @@ _SEEN_S = 0.5
 _EARLY_S = 0.25
 """An exposure that would go on for so long and all its margin is given up instead."""
 _BLACK_TRIES = 3
-_LAST_ID = 65535
 
 
 @dataclass
@@ -97,12 +89,12 @@ class GenicamCamera:
         self._alive = alive
         self._users: set[str] = set()
         self._device: GenicamDevice | None = None
+        self._frames: FrameReceiver
         self._settings: CameraSettings | None = None
         self._time: tuple[float, float] | None = None
         """Of the next exposure: what the camera was set to, and what of it is margin, s."""
         self._exposure: _Exposure | None = None
         self._black: dict[int, int | Sequence[int]] = {}
-        self._last_id: int | None = None
         self._let_go: Callable[[], object] = lambda: None
 
     @classmethod
@@ -135,7 +127,8 @@ class GenicamCamera:
             self._alive()
             self._device = GenicamDevice(self.options)
             self._let_go = weakref.finalize(self, self._device.close)
-            self._exposure = self._time = self._last_id = None
+            self._exposure = self._time = None
+            self._frames = FrameReceiver(self._device, self._alive)
         self._users.add(user)
         return self._device
 
@@ -161,7 +154,7 @@ class GenicamCamera:
             if settings.iso not in self._black:
                 self._black[settings.iso] = self._find_black()
             self._plan(settings.exposure_s)
-            self._forget_frames()
+            self._frames.forget()
         self._settings = settings
 
     def expect(self, exposure_s: float) -> None:
@@ -181,23 +174,23 @@ class GenicamCamera:
                 )
             time_s, spare_s = self._time or self._plan(None)
             self._time = None
-            self._forget_frames()
+            self._frames.forget()
             if self.options.exposure == "edge":
                 now_ns = self.clock.now_ns()
                 self._exposure = _Exposure(now_ns, now_ns, time_s, spare_s)
                 return now_ns
-            return self._start(device, time_s, spare_s)
+            return self._start(device, time_s, spare_s).sure_ns
 
-    def _start(self, device: GenicamDevice, time_s: float, spare_s: float) -> int:
-        """Start an exposure by command; returns the time by which it surely has begun."""
+    def _start(self, device: GenicamDevice, time_s: float, spare_s: float) -> _Exposure:
+        """Start an exposure by command; on return it surely has begun."""
         self._await_ready(device)
         begun_ns = self.clock.now_ns()
         device.trigger()
         told = self._await_start(device, time_s)
         sure_ns = self.clock.now_ns() + (0 if told else self._sure_ns)
-        self._exposure = _Exposure(begun_ns, sure_ns, time_s, spare_s)
+        exposure = self._exposure = _Exposure(begun_ns, sure_ns, time_s, spare_s)
         self.clock.sleep_until_ns(sure_ns)
-        return sure_ns
+        return exposure
 
     def end(self) -> int:
         """Wait until an exposure is surely over; returns the time by which it was.
@@ -214,7 +207,7 @@ class GenicamCamera:
             # Nobody knows when it began: its frame tells that it is over.
             with self._trusted():
                 try:
-                    exposure.came = self._await_frame(exposure.time_s + self.options.wait_s)
+                    exposure.came = self._frames.wait(exposure.time_s + self.options.wait_s)
                 except PhotoError as err:
                     exposure.came = err
             return self.clock.now_ns()
@@ -223,6 +216,10 @@ class GenicamCamera:
             with self._trusted():
                 self.device.abort()
             return self.clock.now_ns()
+        return self._outlive(exposure)
+
+    def _outlive(self, exposure: _Exposure) -> int:
+        """Wait until it is surely over; returns the time."""
         while (now_ns := self.clock.now_ns()) < exposure.over_ns:
             self.clock.sleep_until_ns(min(exposure.over_ns, now_ns + 1_000_000_000))
             self._alive()
@@ -246,8 +243,8 @@ class GenicamCamera:
             came = None if exposure is None else exposure.came
             if isinstance(came, PhotoError):
                 raise came
-            buffer = came or self._await_frame(min(timeout_s, self.options.wait_s))
-            samples = self._unpack(buffer)
+            buffer = came or self._frames.wait(min(timeout_s, self.options.wait_s))
+            samples = self._frames.unpack(buffer)
             if exposure is not None and exposure.late_s > 0.0 and self.options.exposure == "timed":
                 raise PhotoError(
                     f"the panels were done {exposure.late_s:.3g} s after the exposure of "
@@ -304,12 +301,11 @@ class GenicamCamera:
         """What the shortest exposure shows, of which a frame that is lost is taken again."""
         for left in range(_BLACK_TRIES - 1, -1, -1):
             set_s = device.set_exposure(device.shortest_s)
-            self._forget_frames()
-            self._start(device, set_s, set_s)
-            self.end()
+            self._frames.forget()
+            self._outlive(self._start(device, set_s, set_s))
             self._exposure = None
             try:
-                samples = self._unpack(self._await_frame(self.options.wait_s))
+                samples = self._frames.unpack(self._frames.wait(self.options.wait_s))
             except PhotoError:
                 if not left:
                     raise
@@ -344,79 +340,6 @@ class GenicamCamera:
                 return True
             pause.wait(_POLL_S)
         return False
-
-    def _forget_frames(self) -> None:
-        """Throw away what came of earlier exposures."""
-        while (buffer := self.device.pop(0.0)) is not None:
-            self._last_id = buffer.frame_id
-            logger.warning("frame of an earlier exposure thrown away id=%d", buffer.frame_id)
-
-    def _await_frame(self, longest_s: float) -> RawBuffer:
-        """The frame that is due, whole, and no other.
-
-        Waits in slices, in which a signal is heard. Raises PhotoError, DeviceLost.
-        """
-        device, waited_s, asked_s = self.device, 0.0, 0.0
-        while waited_s < longest_s:
-            buffer = device.pop(_SLICE_S)
-            if buffer is not None:
-                return self._checked(buffer)
-            waited_s += _SLICE_S
-            self._alive()
-            if waited_s - asked_s >= _ASK_S:
-                asked_s = waited_s
-                self.device.record()  # which raises where the camera is gone
-            elif device.lost.is_set():
-                raise DeviceLost(
-                    "control of the camera was lost",
-                    device=CAMERA_DEVICE,
-                    hint="check power and cable",
-                )
-        self._last_id = None
-        raise PhotoError(
-            f"no frame came within {longest_s:g} s",
-            device=CAMERA_DEVICE,
-            hint="take it again; if that goes on, see docs/genicam.md about packets",
-        )
-
-    def _checked(self, buffer: RawBuffer) -> RawBuffer:
-        """The buffer. Raises PhotoError for a frame that is not whole, or not the one due."""
-        last, self._last_id = self._last_id, buffer.frame_id
-        if buffer.status:
-            raise PhotoError(
-                f"frame {buffer.frame_id} is not whole: {STATUS_WORDS.get(buffer.status, '?')}",
-                device=CAMERA_DEVICE,
-                hint="take it again; if that goes on, see docs/genicam.md about packets",
-            )
-        due = {(last or 0) + 1} | ({0, 1} if last is not None and last >= _LAST_ID else set())
-        if last is not None and buffer.frame_id not in due:
-            raise PhotoError(
-                f"frame {buffer.frame_id} came where {min(due)} was due",
-                device=CAMERA_DEVICE,
-                hint="take it again; see that nothing else triggers the camera",
-            )
-        return buffer
-
-    def _unpack(self, buffer: RawBuffer) -> Samples:
-        """Samples of a frame, whole quads of a mosaic."""
-        device = self.device
-        found = BY_CODE.get(buffer.pixel_format)
-        if found is not device.pixel_format or (buffer.width, buffer.height) != device.size:
-            raise ExposureError(
-                f"a frame of {buffer.width} x {buffer.height} pixels, format "
-                f"{buffer.pixel_format:#x}, where {device.size} of {device.pixel_format.name} "
-                "were set",
-                device=CAMERA_DEVICE,
-                hint="see that no other program sets the camera",
-            )
-        try:
-            samples = unpack_samples(buffer.data, found, buffer.height, buffer.width)
-        except ValueError as err:
-            raise PhotoError(f"{err}", device=CAMERA_DEVICE, hint="take it again") from err
-        samples = device.levels.read(samples)
-        if found.cfa is None:
-            return samples
-        return samples[: buffer.height // 2 * 2, : buffer.width // 2 * 2]
 
     @contextmanager
     def _trusted(self) -> Iterator[None]:

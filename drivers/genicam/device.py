@@ -238,6 +238,8 @@ class GenicamDevice:
     def abort(self) -> None:
         """Give up an exposure that goes on: no frame comes of it."""
         with report_errors("ending an exposure"):
+            if self._camera.has("AcquisitionAbort"):
+                self._camera.execute("AcquisitionAbort")  # a stop may wait for its end
             self._camera.stop()
             self._camera.start()
 

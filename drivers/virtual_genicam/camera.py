@@ -21,6 +21,8 @@ from pdcd.driver import Clock
 from ..genicam.pixels import BY_CODE, PixelFormat, pack_samples
 from .description import (
     EXPOSURE_MODES,
+    STARTED,
+    STARTED_ANEW,
     TRIGGER_ACTIVATIONS,
     TRIGGER_SOURCES,
     CameraDescription,
@@ -174,6 +176,11 @@ class VirtualGenicamCamera:
         if simulator is not None:
             simulator.close()
 
+    @property
+    def exposing(self) -> bool:
+        """Whether an exposure goes on."""
+        return self._running is not None
+
     def hold_line(self, level: bool) -> None:
         """Set the level of the camera's input."""
         self._line = level
@@ -185,10 +192,13 @@ class VirtualGenicamCamera:
             if self.faults.lost != lost:
                 lost = self.faults.lost
                 simulator.lose_packets(lost)
-            wanted = simulator.read(Register.ACQUISITION) and simulator.read(Register.CONTROL)
-            if not wanted:
+            started = simulator.read(Register.ACQUISITION)
+            wanted = started and simulator.read(Register.CONTROL)
+            if not wanted or started == STARTED_ANEW:
                 self._running = None
                 simulator.write(Register.WAITS, 1)
+            if started == STARTED_ANEW:
+                simulator.write(Register.ACQUISITION, STARTED)
             line = self._line
             self._look(simulator, ended, rose=line and not before, fell=before and not line)
             before = line

@@ -49,6 +49,9 @@ class Register(IntEnum):
     OFFSET_Y = 0x8054
 
 
+STARTED_ANEW, STARTED = 2, 1
+"""What a client writes to start the acquisition, and what stands there once that was seen: so a
+stop before it is seen, too, however short."""
 EXPOSURE_MODES = {"Timed": 0, "TriggerWidth": 1}
 TRIGGER_SOURCES = {"Software": 0, "Line1": 1}
 TRIGGER_ACTIVATIONS = {"RisingEdge": 0, "FallingEdge": 1}
@@ -214,7 +217,7 @@ def write_description(camera: CameraDescription) -> bytes:
         xml.integer("PixelDynamicRangeMax", image, Register.WHITE, 0, 65535, "RO")
     xml.choice("AcquisitionMode", acquisition, Register.ACQUISITION_MODE, {"Continuous": 1})
     started = xml.register("AcquisitionCommand", Register.ACQUISITION)
-    xml.command("AcquisitionStart", acquisition, started, 1)
+    xml.command("AcquisitionStart", acquisition, started, STARTED_ANEW)
     xml.command("AcquisitionStop", acquisition, started, 0)
     xml.choice("ExposureMode", acquisition, Register.EXPOSURE_MODE, EXPOSURE_MODES)
     xml.number("ExposureTime", acquisition, Register.EXPOSURE_US, 1, 10.0, 1e6 * camera.longest_s)

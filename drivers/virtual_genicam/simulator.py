@@ -7,6 +7,7 @@ frame from there. One at a time can be: the port is that of the protocol.
 from __future__ import annotations
 
 import ctypes
+import socket
 import tempfile
 from collections.abc import Callable
 from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
@@ -19,6 +20,9 @@ from .description import Register
 
 VIRTUAL_ADDRESS = "127.0.0.1"
 _FILL = CFUNCTYPE(None, c_void_p, c_void_p, c_uint32, c_uint32, c_uint32)
+_PORT = 3956
+_XML_AT, _XML_URL, _XML_URL_BYTES = 0x10000, 0x200, 512
+"""Where the simulator has the description, and where that is written."""
 _LOOKS_HZ = 1000.0
 """How often the simulator looks whether it is to send a frame."""
 
@@ -31,6 +35,7 @@ class HostedSimulator:
 
     def __init__(self, xml: bytes, serial: str, payload: Callable[[], bytes]) -> None:
         """Raises DeviceLost where the address is taken."""
+        _check_free()
         self._lib: AravisLibrary = load_library()
         self._declare()
         self._payload = payload
@@ -43,12 +48,11 @@ class HostedSimulator:
             running = self._lib.arv.arv_gv_fake_camera_is_running(self._camera)
         if not running:
             self.close()
-            raise DeviceLost(
-                f"the virtual camera cannot listen at {VIRTUAL_ADDRESS}",
-                device="camera",
-                hint="end the other virtual camera of this machine",
-            )
+            raise _cannot_listen()
         self._memory = self._lib.arv.arv_gv_fake_camera_get_fake_camera(self._camera)
+        # Some clients take a number without a prefix for a decimal one.
+        where = f"Local:virtual.xml;{_XML_AT:#x};{len(xml):#x}"
+        self.write_text(_XML_URL, where, _XML_URL_BYTES)
         self._on_fill = _FILL(self._fill)
         self._lib.arv.arv_fake_camera_set_fill_pattern(self._memory, self._on_fill, None)
         self._lib.arv.arv_fake_camera_set_trigger_frequency(self._memory, _LOOKS_HZ)
@@ -106,3 +110,20 @@ class HostedSimulator:
         ):
             function = getattr(arv, name)
             function.restype, function.argtypes = returned, taken
+
+
+def _check_free() -> None:
+    """Raise where somebody else listens: the simulator itself would not say so."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((VIRTUAL_ADDRESS, _PORT))
+        except OSError as err:
+            raise _cannot_listen() from err
+
+
+def _cannot_listen() -> DeviceLost:
+    return DeviceLost(
+        f"the virtual camera cannot listen at {VIRTUAL_ADDRESS}",
+        device="camera",
+        hint="end the other virtual camera of this machine",
+    )

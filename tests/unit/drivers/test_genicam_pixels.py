@@ -130,7 +130,7 @@ def darkness(bits: int) -> Samples:
 def test_alignment_and_byte_order_show_in_a_picture(
     bits: int, left: bool, swapped: bool, seen: Callable[[int], Samples]
 ) -> None:
-    samples = seen(bits) << (16 - bits if left else 0)
+    samples = np.left_shift(seen(bits), np.uint16(16 - bits if left else 0))
     levels = SampleLevels(BY_NAME["Mono16"])
     found = levels.read(samples.byteswap() if swapped else samples)
     assert np.array_equal(found, samples)

@@ -1,0 +1,108 @@
+"""Frames as they come: the one that is due, whole, and no other; then its samples.
+
+Frames are counted by the camera. One that is missing is seen at the next, where it was not missed
+before, so that no frame is taken for that of another exposure.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+from pdcd.driver import DeviceLost, ExposureError, PhotoError
+
+from .aravis import STATUS_WORDS, RawBuffer
+from .device import CAMERA_DEVICE, GenicamDevice
+from .pixels import BY_CODE, Samples, unpack_samples
+
+logger = logging.getLogger(__name__)
+
+_SLICE_S = 0.1
+"""So long a call waits within the library before it looks about."""
+_ASK_S = 1.5
+"""After so long without a frame the camera is asked whether it is still there."""
+_LAST_ID = 65535
+"""After which numbers of GigE Vision begin again."""
+
+
+class FrameReceiver:
+    """What comes from one open camera."""
+
+    def __init__(self, device: GenicamDevice, alive: Callable[[], object]) -> None:
+        self._device = device
+        self._alive = alive
+        self._last_id: int | None = None
+
+    def forget(self) -> None:
+        """Throw away what came of earlier exposures."""
+        while (buffer := self._device.pop(0.0)) is not None:
+            self._last_id = None if buffer.status else buffer.frame_id
+            logger.warning("frame of an earlier exposure thrown away id=%d", buffer.frame_id)
+
+    def wait(self, longest_s: float) -> RawBuffer:
+        """The frame that is due, whole, and no other.
+
+        Waits in slices, in which a signal is heard. Raises PhotoError, DeviceLost.
+        """
+        waited_s = asked_s = 0.0
+        while waited_s < longest_s:
+            buffer = self._device.pop(_SLICE_S)
+            if buffer is not None:
+                return self.check(buffer)
+            waited_s += _SLICE_S
+            self._alive()
+            if waited_s - asked_s >= _ASK_S:
+                asked_s = waited_s
+                self._device.record()  # which raises where the camera is gone
+            elif self._device.lost.is_set():
+                raise DeviceLost(
+                    "control of the camera was lost",
+                    device=CAMERA_DEVICE,
+                    hint="check power and cable",
+                )
+        self._last_id = None
+        raise PhotoError(
+            f"no frame came within {longest_s:g} s",
+            device=CAMERA_DEVICE,
+            hint="take it again; if that goes on, see docs/genicam.md about packets",
+        )
+
+    def check(self, buffer: RawBuffer) -> RawBuffer:
+        """The buffer. Raises PhotoError for a frame that is not whole, or not the one due."""
+        last, self._last_id = self._last_id, buffer.frame_id
+        if buffer.status:
+            self._last_id = None  # what is not whole may have no number, either
+            raise PhotoError(
+                f"frame {buffer.frame_id} is not whole: {STATUS_WORDS.get(buffer.status, '?')}",
+                device=CAMERA_DEVICE,
+                hint="take it again; if that goes on, see docs/genicam.md about packets",
+            )
+        due = {(last or 0) + 1} | ({0, 1} if last is not None and last >= _LAST_ID else set())
+        if last is not None and buffer.frame_id not in due:
+            raise PhotoError(
+                f"frame {buffer.frame_id} came where {min(due)} was due",
+                device=CAMERA_DEVICE,
+                hint="take it again; see that nothing else triggers the camera",
+            )
+        return buffer
+
+    def unpack(self, buffer: RawBuffer) -> Samples:
+        """Samples of a frame, whole quads of a mosaic."""
+        device = self._device
+        found = BY_CODE.get(buffer.pixel_format)
+        if found is not device.pixel_format or (buffer.width, buffer.height) != device.size:
+            raise ExposureError(
+                f"a frame of {buffer.width} x {buffer.height} pixels, format "
+                f"{buffer.pixel_format:#x}, where {device.size} of {device.pixel_format.name} "
+                "were set",
+                device=CAMERA_DEVICE,
+                hint="see that no other program sets the camera",
+            )
+        try:
+            samples = unpack_samples(buffer.data, found, buffer.height, buffer.width)
+        except ValueError as err:
+            raise PhotoError(f"{err}", device=CAMERA_DEVICE, hint="take it again") from err
+        samples = device.levels.read(samples)
+        if found.cfa is None:
+            return samples
+        return samples[: buffer.height // 2 * 2, : buffer.width // 2 * 2]
