@@ -64,7 +64,7 @@ doctor  -  say what of the bench is fit to work, and what not
 doctor display  doctor:diagnose_display  look at the X server and at both panels
   @device
   --display :N                X server; default: the configuration's
-doctor camera  doctor:diagnose_camera  look at the camera on the USB; nothing is exposed
+doctor camera  doctor:diagnose_camera  look at the camera on USB or network; nothing is exposed
   @device
   --raw FILE                  a photo of it: tells its frame and orientation
 doctor trigger  doctor:diagnose_trigger  look at the shutter, and click it if told to
