@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import threading
 from collections.abc import Iterator
 from ctypes import POINTER, byref, c_double, c_int64, c_size_t, c_uint, c_uint64
 from dataclasses import dataclass
 from typing import Any
 
-from .library import CONTROL_LOST, AravisLibrary, GError, load_library
+from .library import AravisLibrary, GError, load_library
 
 TIMEOUT, NOT_FOUND = 5, 6
 """Codes of the domain `DEVICE_DOMAIN`."""
@@ -98,10 +97,11 @@ def list_cameras() -> list[FoundCamera]:
 class AravisCamera:
     """One open camera. No method may be called once it is closed, but for `close` itself.
 
-    lost : set when Aravis says that control of the camera was lost.
+    No signal of the library is listened to: it would be heard on a thread of the library, and a
+    camera that is let go meanwhile would end this process (GLib: "Resource deadlock avoided").
     """
 
-    def __init__(self, identifier: str, lost: threading.Event) -> None:
+    def __init__(self, identifier: str) -> None:
         """Open by an identifier of `FoundCamera`, or the address of a GigE camera.
 
         Raises AravisError."""
@@ -113,11 +113,6 @@ class AravisCamera:
         if self._camera is None:
             raise AravisError(f"no camera {identifier}", DEVICE_DOMAIN, NOT_FOUND)
         self._device = self._arv.arv_camera_get_device(self._camera)
-        # Kept for as long as the object lives: the library calls it.
-        self._on_lost = CONTROL_LOST(lambda *_: lost.set())
-        library.gobject.g_signal_connect_data(
-            self._device, b"control-lost", self._on_lost, None, None, 0
-        )
         self._arv.arv_camera_set_access_check_policy(self._camera, _CHECK)
         self._arv.arv_camera_set_range_check_policy(self._camera, _CHECK)
 
@@ -128,7 +123,8 @@ class AravisCamera:
 
     @property
     def ours(self) -> bool:
-        """Whether nobody else controls it; of a GigE camera that is not known by its being open."""
+        """Whether it is controlled from here, and still is. A camera on a network may be open
+        without that; its heartbeat, once a second, tells when control was lost."""
         return not self.on_network or bool(self._arv.arv_gv_device_is_controller(self._device))
 
     def has(self, feature: str) -> bool:

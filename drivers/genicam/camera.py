@@ -94,6 +94,8 @@ class GenicamCamera:
         self._time: tuple[float, float] | None = None
         """Of the next exposure: what the camera was set to, and what of it is margin, s."""
         self._exposure: _Exposure | None = None
+        self._owes_frame = False
+        """Whether a frame of an exposure that was given up may yet come."""
         self._black: dict[int, int | Sequence[int]] = {}
         self._let_go: Callable[[], object] = lambda: None
 
@@ -110,7 +112,7 @@ class GenicamCamera:
     @property
     def device(self) -> GenicamDevice:
         """The open camera. Raises DeviceLost where there is none, or it was lost."""
-        if self._device is None or self._device.lost.is_set():
+        if self._device is None or self._device.lost:
             raise DeviceLost(
                 "the camera is not connected",
                 device=CAMERA_DEVICE,
@@ -121,7 +123,7 @@ class GenicamCamera:
     def open(self, user: str) -> GenicamDevice:
         """Be open for that user; a camera that was lost is opened anew. Raises DeviceLost,
         ConfigError."""
-        if self._device is not None and self._device.lost.is_set():
+        if self._device is not None and self._device.lost:
             self._drop()
         if self._device is None:
             self._alive()
@@ -147,9 +149,9 @@ class GenicamCamera:
         self._settings = None
         device = self.open("readout")
         with self._trusted():
-            if self._exposure is not None and not self._exposure.closed:
+            if self._owes_frame or (self._exposure is not None and not self._exposure.closed):
                 device.abort()
-            self._exposure = None
+            self._exposure, self._owes_frame = None, False
             device.set_gain(settings.iso)
             if settings.iso not in self._black:
                 self._black[settings.iso] = self._find_black()
@@ -185,8 +187,10 @@ class GenicamCamera:
         """Start an exposure by command; on return it surely has begun."""
         self._await_ready(device)
         begun_ns = self.clock.now_ns()
+        self._owes_frame = True  # it may have begun, whatever becomes of what follows
         device.trigger()
         told = self._await_start(device, time_s)
+        self._owes_frame = False
         sure_ns = self.clock.now_ns() + (0 if told else self._sure_ns)
         exposure = self._exposure = _Exposure(begun_ns, sure_ns, time_s, spare_s)
         self.clock.sleep_until_ns(sure_ns)
@@ -240,11 +244,7 @@ class GenicamCamera:
         if self.options.exposure != "width":
             _check_exposed(exposure)
         with self._trusted():
-            came = None if exposure is None else exposure.came
-            if isinstance(came, PhotoError):
-                raise came
-            buffer = came or self._frames.wait(min(timeout_s, self.options.wait_s))
-            samples = self._frames.unpack(buffer)
+            self._owes_frame = True
             if exposure is not None and exposure.late_s > 0.0 and self.options.exposure == "timed":
                 raise PhotoError(
                     f"the panels were done {exposure.late_s:.3g} s after the exposure of "
@@ -252,6 +252,12 @@ class GenicamCamera:
                     device=CAMERA_DEVICE,
                     hint="raise camera.options.margin_s, or see why refreshes are late",
                 )
+            came = None if exposure is None else exposure.came
+            if isinstance(came, PhotoError):
+                raise came
+            buffer = came or self._frames.wait(min(timeout_s, self.options.wait_s))
+            self._owes_frame = False
+            samples = self._frames.unpack(buffer)
             device = self.device
             record = device.record()
         levels = device.levels
@@ -348,7 +354,7 @@ class GenicamCamera:
             yield
         except DeviceLost:
             if self._device is not None:
-                self._device.lost.set()
+                self._device.distrusted = True
             raise
 
     def _drop(self) -> None:

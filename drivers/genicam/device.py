@@ -7,7 +7,6 @@ switched off, as far as the camera has it.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -112,19 +111,24 @@ class GenicamDevice:
     def __init__(self, options: GenicamOptions) -> None:
         """Open and set up; nothing is exposed. Takes a second more where no address is given."""
         self.options = options
-        self.lost = threading.Event()
-        """Set when control of the camera was lost, from another thread."""
+        self.distrusted = False
+        """Set once it did not answer: it may seem to, later, and be another than it was."""
         self.unset: list[str] = []
         """What the camera has but would not be switched off."""
         identifier = find_camera(options.camera)
         with report_errors("opening it"):
-            self._camera = AravisCamera(identifier, self.lost)
+            self._camera = AravisCamera(identifier)
         try:
             self._check_ours(identifier)
             self._set_up()
         except BaseException:
             self._camera.close()
             raise
+
+    @property
+    def lost(self) -> bool:
+        """Whether it did not answer once, or is no longer controlled from here."""
+        return self.distrusted or not self._camera.ours
 
     @property
     def identity(self) -> dict[str, str]:
@@ -263,11 +267,11 @@ class GenicamDevice:
 
     def close(self) -> None:
         """Let the camera go. Idempotent, and never fails."""
-        if not self.lost.is_set():
+        if not self.lost:
             try:
                 self._camera.stop()
             except AravisError:
-                self.lost.set()
+                self.distrusted = True
         self._camera.close()
 
     def _try(self, feature: str, action: Callable[[], None]) -> None:

@@ -54,7 +54,7 @@ class FrameReceiver:
             if waited_s - asked_s >= _ASK_S:
                 asked_s = waited_s
                 self._device.record()  # which raises where the camera is gone
-            elif self._device.lost.is_set():
+            elif self._device.lost:
                 raise DeviceLost(
                     "control of the camera was lost",
                     device=CAMERA_DEVICE,

@@ -21,9 +21,6 @@ _WHEEL_MODULE = "aravis"
 _GOBJECT = "libgobject-2.0.so.0"
 _GLIB = "libglib-2.0.so.0"
 
-CONTROL_LOST = ctypes.CFUNCTYPE(None, c_void_p, c_void_p)
-"""What is called when the camera is no longer ours: (device, data). It comes on Aravis' thread."""
-
 _INT64 = c_int64
 _U64 = ctypes.c_uint64
 _U32 = ctypes.c_uint32
@@ -161,6 +158,4 @@ def _declare(path: str) -> AravisLibrary:
     glib.g_free.argtypes, glib.g_free.restype = (_P,), None
     glib.g_quark_to_string.argtypes, glib.g_quark_to_string.restype = (_U32,), _S
     gobject.g_object_unref.argtypes, gobject.g_object_unref.restype = (_P,), None
-    gobject.g_signal_connect_data.argtypes = (_P, _S, CONTROL_LOST, _P, _P, c_int)
-    gobject.g_signal_connect_data.restype = ctypes.c_ulong
     return AravisLibrary(arv, gobject, glib, path)

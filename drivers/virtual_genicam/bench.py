@@ -116,9 +116,11 @@ class HostedCamera(GenicamCamera):
         self.virtual.start()
         return super().open(user)
 
-    def _drop(self) -> None:
-        super()._drop()
-        self.virtual.stop()
+    def close(self, user: str) -> None:
+        """Close it; after the last user it no longer listens."""
+        super().close(user)
+        if not self._users:
+            self.virtual.stop()
 
 
 def _host(context: DriverContext) -> DriverContext:

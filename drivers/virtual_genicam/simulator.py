@@ -59,10 +59,7 @@ class HostedSimulator:
 
     def read(self, address: int) -> int:
         """A word of its memory; 0 once it is closed."""
-        value = c_uint32()
-        if self._camera is not None:
-            self._lib.arv.arv_fake_camera_read_register(self._memory, address, byref(value))
-        return value.value
+        return 0 if self._camera is None else self._read(address)
 
     def write(self, address: int, value: int) -> None:
         """Write a word."""
@@ -93,8 +90,14 @@ class HostedSimulator:
         ctypes.memmove(place, self._payload()[:room].ljust(room, b"\0"), room)
 
     def _read_payload_bytes(self) -> int:
-        pixels = self.read(Register.WIDTH) * self.read(Register.HEIGHT)
-        return pixels * (self.read(Register.PIXEL_FORMAT) >> 16 & 0xFF) // 8
+        # Asked while it is being closed, too: a frame that is sent then must not be an old one.
+        pixels = self._read(Register.WIDTH) * self._read(Register.HEIGHT)
+        return pixels * (self._read(Register.PIXEL_FORMAT) >> 16 & 0xFF) // 8
+
+    def _read(self, address: int) -> int:
+        value = c_uint32()
+        self._lib.arv.arv_fake_camera_read_register(self._memory, address, byref(value))
+        return value.value
 
     def _declare(self) -> None:
         arv, pointer = self._lib.arv, c_void_p

@@ -1,0 +1,137 @@
+"""Whole captures with the camera on GigE Vision: photos are the mock camera's, sample by sample, and
+what goes wrong on the way costs an exposure or the job, and never a wrong picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.genicam.camera import GenicamCamera
+from drivers.virtual_genicam.bench import HostedCamera
+from drivers.virtual_genicam.camera import VirtualGenicamCamera
+from pdcd.bench.tables import CameraConfig, DisplayConfig, FaultsConfig, TriggerConfig
+from pdcd.capture.engine import Engine
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
+from pdcd.sensor.raw import read_raw
+from tests import bench_rig
+from tests.genicam_rig import needs_aravis, turn
+
+pytestmark = needs_aravis
+
+REQUEST = CaptureRequest(goal="indirect", codes=16)
+
+
+@pytest.fixture(autouse=True)
+def _alone() -> Iterator[None]:
+    with turn():
+        yield
+
+
+def engine_of(folder: Path, driver: str, options: dict[str, Any], **tables: Any) -> Engine:
+    folder.mkdir()
+    engine = Engine(
+        bench_rig.config(
+            folder,
+            camera=CameraConfig(driver=driver, noise="none", f_number=8.0, options=options),
+            trigger=TriggerConfig(driver=driver, lag_s=0.001, jitter_s=0.0),
+            **tables,
+        )
+    )
+    engine.start()
+    return engine
+
+
+def virtual_of(engine: Engine) -> VirtualGenicamCamera:
+    camera = GenicamCamera.of(engine._rig._context)
+    assert isinstance(camera, HostedCamera)
+    return camera.virtual
+
+
+def take(engine: Engine, job: str = "job") -> CaptureResult:
+    try:
+        return bench_rig.capture(engine, REQUEST, job)
+    finally:
+        engine.stop()
+
+
+def photos(result: CaptureResult) -> dict[str, Any]:
+    assert result.folder is not None
+    return {path.name: read_raw(path) for path in sorted((Path(result.folder) / "raw").iterdir())}
+
+
+def test_photos_are_those_of_the_mock_camera(tmp_path: Path) -> None:
+    expected = photos(take(engine_of(tmp_path / "mock", "mock", {})))
+    assert {"white.dng", "coded.dng"} <= set(expected)
+    for name in ("BayerRG16", "BayerBG16", "BayerGR16", "BayerGB16"):
+        engine = engine_of(tmp_path / name, "virtual-genicam", {"pixel_format": name})
+        result = take(engine)
+        assert result.state == "done", result.error
+        found = photos(result)
+        assert set(found) == set(expected)
+        for photo, frame in found.items():
+            assert np.array_equal(frame.samples, expected[photo].samples)
+            assert frame.white == expected[photo].white
+            assert np.array_equal(frame.black, expected[photo].black)
+            # Longer by the margin, in which panels were black.
+            assert frame.exposure_s > expected[photo].exposure_s
+
+
+def test_a_photo_that_was_lost_is_taken_again(tmp_path: Path) -> None:
+    engine = engine_of(tmp_path / "lost", "virtual-genicam", {"wait_s": 0.5})
+    virtual = virtual_of(engine)
+    send, lost = virtual._send, []
+
+    def losing(*words: Any) -> None:
+        if len(lost) % 2 == 1:  # the first frame looks for black
+            lost.append(False)
+            send(*words)
+            return
+        lost.append(True)
+        if len(lost) == 1:
+            send(*words)
+
+    virtual._send = losing  # type: ignore[method-assign]
+    GenicamCamera.of(engine._rig._context).options = _hasty(engine)
+    result = take(engine)
+    assert result.state == "done", result.error
+    assert lost.count(True) > 2
+    expected = photos(take(engine_of(tmp_path / "mock", "mock", {})))
+    found = photos(result)
+    for name in ("white.dng", "coded.dng"):
+        assert np.array_equal(found[name].samples, expected[name].samples)
+
+
+def _hasty(engine: Engine) -> Any:
+    """The options of the camera, with a short wait for frames that do not come."""
+    import msgspec
+
+    return msgspec.structs.replace(GenicamCamera.of(engine._rig._context).options, wait_s=0.5)
+
+
+def test_panels_that_are_late_cost_an_exposure(tmp_path: Path) -> None:
+    late = DisplayConfig(faults=FaultsConfig(late={"3": 60}, exposures=1))
+    engine = engine_of(tmp_path / "late", "virtual-genicam", {}, display=late)
+    result = take(engine)
+    assert result.state == "done", result.error
+    assert any("the panels were done" in line for line in result.warnings)
+
+
+def test_a_camera_that_dies_ends_the_job_and_panels_are_black(tmp_path: Path) -> None:
+    engine = engine_of(tmp_path / "dead", "virtual-genicam", {})
+    virtual = virtual_of(engine)
+    virtual.faults.killed_after_s = 0.2
+    try:
+        result = bench_rig.capture(engine, REQUEST, "first")
+        assert result.state == "failed" and result.error is not None
+        assert result.error["kind"] == "device_lost"
+        bench = bench_rig.bench_of(engine)
+        assert bench.panels_black
+        again = bench_rig.capture(engine, REQUEST, "second")
+        assert again.state == "done", again.error
+    finally:
+        engine.stop()
