@@ -1,4 +1,4 @@
-"""Whole captures with the camera on GigE Vision: photos are the mock camera's, sample by sample, and
+"""Whole captures with the camera on GigE Vision: photos are the mock camera's, every sample, and
 what goes wrong on the way costs an exposure or the job, and never a wrong picture."""
 
 from __future__ import annotations
@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -82,7 +83,7 @@ def test_photos_are_those_of_the_mock_camera(tmp_path: Path) -> None:
 
 
 def test_a_photo_that_was_lost_is_taken_again(tmp_path: Path) -> None:
-    engine = engine_of(tmp_path / "lost", "virtual-genicam", {"wait_s": 0.5})
+    engine = engine_of(tmp_path / "lost", "virtual-genicam", {})
     virtual = virtual_of(engine)
     send, lost = virtual._send, []
 
@@ -96,7 +97,8 @@ def test_a_photo_that_was_lost_is_taken_again(tmp_path: Path) -> None:
             send(*words)
 
     virtual._send = losing  # type: ignore[method-assign]
-    GenicamCamera.of(engine._rig._context).options = _hasty(engine)
+    camera = GenicamCamera.of(engine._rig._context)
+    camera.options = msgspec.structs.replace(camera.options, wait_s=0.5)  # for what never comes
     result = take(engine)
     assert result.state == "done", result.error
     assert lost.count(True) > 2
@@ -104,13 +106,6 @@ def test_a_photo_that_was_lost_is_taken_again(tmp_path: Path) -> None:
     found = photos(result)
     for name in ("white.dng", "coded.dng"):
         assert np.array_equal(found[name].samples, expected[name].samples)
-
-
-def _hasty(engine: Engine) -> Any:
-    """The options of the camera, with a short wait for frames that do not come."""
-    import msgspec
-
-    return msgspec.structs.replace(GenicamCamera.of(engine._rig._context).options, wait_s=0.5)
 
 
 def test_panels_that_are_late_cost_an_exposure(tmp_path: Path) -> None:
