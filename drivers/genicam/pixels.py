@@ -44,6 +44,8 @@ class PixelFormat:
         return (pixels * per_pixel + 7) // 8
 
 
+_GROUPS = {10: (4, 5), 12: (2, 3)}
+"""Of a stream of so many bits: how many samples fill how many bytes."""
 _CFAS = {"RG": "RGGB", "GR": "GRBG", "GB": "GBRG", "BG": "BGGR"}
 
 # Of the four orders in the sequence that PFNC has them in: code of the first, and the step.
@@ -126,8 +128,13 @@ def pack_samples(samples: Samples, pixel_format: PixelFormat) -> bytes:
         return flat.astype("<u2").tobytes()
     bits = pixel_format.bits
     if pixel_format.layout == "stream":
-        planes = flat[:, None] >> np.arange(bits, dtype=np.uint16) & 1
-        return np.packbits(planes.astype(np.uint8).ravel(), bitorder="little").tobytes()
+        per_group, group_bytes = _GROUPS[bits]
+        groups = np.pad(flat, (0, -flat.size % per_group)).reshape(-1, per_group)
+        words = np.zeros(len(groups), "<u8")
+        for place in range(per_group):
+            words |= groups[:, place].astype("<u8") << np.uint64(place * bits)
+        packed = words.view(np.uint8).reshape(-1, 8)[:, :group_bytes]
+        return packed.tobytes()[: pixel_format.count_bytes(flat.size)]
     pairs = np.pad(flat, (0, flat.size % 2)).reshape(-1, 2)
     low = (1 << bits - 8) - 1
     triples = np.empty((len(pairs), 3), np.uint8)
@@ -145,8 +152,8 @@ def _grouped(found: NDArray[np.uint8], size: int) -> Samples:
 
 def _unpack_stream(found: NDArray[np.uint8], bits: int, count: int) -> Samples:
     """Samples of 10 bits, four in five bytes, or of 12, two in three."""
-    per_group = 4 if bits == 10 else 2
-    groups = _grouped(found, per_group * bits // 8)
+    per_group, group_bytes = _GROUPS[bits]
+    groups = _grouped(found, group_bytes)
     samples = np.empty((len(groups), per_group), np.uint16)
     for place in range(per_group):
         byte, shift = divmod(place * bits, 8)

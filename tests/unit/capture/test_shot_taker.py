@@ -14,7 +14,7 @@ from pdcd.capture import shots
 from pdcd.capture.rig import RigExposure
 from pdcd.capture.shots import ShotTaker
 from pdcd.capture.worker.answers import PhotoOrder, SpoiltPhoto
-from pdcd.errors import ExposureError, SyncError
+from pdcd.errors import ExposureError, PhotoError, SyncError
 
 FOLDER = Path("/run")
 SHA, SECOND = "a" * 64, "b" * 64
@@ -290,3 +290,25 @@ def test_times_that_disagree_again_are_kept_and_told(kind: str) -> None:
     assert len(bench.heard("expose")) == 2 and LONG in bench.warned[-1]
     if kind == "shot":
         assert (found[0].planned_s, found[0].close_ns) == (2.0, 8_200_000_010)
+
+
+@pytest.mark.parametrize("on_miss", ["retry", "flag", "balance"])
+@pytest.mark.parametrize("kind", ["shot", "dark"])
+def test_a_photo_that_was_lost_is_taken_again_and_its_last_loss_is_raised(
+    on_miss: str, kind: str
+) -> None:
+    lost = PhotoError("frame 7 is not whole")
+    bench = Bench(lost, lost, Log(0))
+    taker(bench, on_miss=on_miss).take(shot("a", kind))
+    assert bench.heard("aside") == [("aside", "a", 1), ("aside", "a", 2)]
+    told = [step[2] for step in bench.heard("discarded")]
+    assert told == [lost.message] * 2
+    bench = Bench(lost, lost, lost, Log(0))
+    with pytest.raises(PhotoError):
+        taker(bench, on_miss=on_miss).take(shot("a", kind))
+    assert len(bench.heard("expose")) == 3
+    # Whatever else goes wrong with an exposure is nobody's to take again.
+    bench = Bench(ExposureError("the shutter is open"), Log(0))
+    with pytest.raises(ExposureError):
+        taker(bench, on_miss=on_miss).take(shot("a", kind))
+    assert len(bench.heard("expose")) == 1
