@@ -85,7 +85,8 @@ def test_photos_are_those_of_the_mock_camera(tmp_path: Path) -> None:
 def test_a_photo_that_was_lost_is_taken_again(tmp_path: Path) -> None:
     engine = engine_of(tmp_path / "lost", "virtual-genicam", {})
     virtual = virtual_of(engine)
-    send, lost = virtual._send, []
+    send = virtual._send
+    lost: list[bool] = []
 
     def losing(*words: Any) -> None:
         if len(lost) % 2 == 1:  # the first frame looks for black
@@ -96,7 +97,7 @@ def test_a_photo_that_was_lost_is_taken_again(tmp_path: Path) -> None:
         if len(lost) == 1:
             send(*words)
 
-    virtual._send = losing  # type: ignore[method-assign]
+    virtual._send = losing  # type: ignore[assignment,method-assign]
     camera = GenicamCamera.of(engine._rig._context)
     camera.options = msgspec.structs.replace(camera.options, wait_s=0.5)  # for what never comes
     result = take(engine)

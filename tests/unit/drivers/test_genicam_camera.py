@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from drivers.genicam.aravis import RawBuffer
+from drivers.genicam.doctor import examine_genicam
 from drivers.genicam.frames import FrameReceiver
 from drivers.genicam.pixels import BY_NAME
 from drivers.virtual_genicam.camera import CameraFaults, VirtualExposure
 from pdcd.bench.clock import RealClock, VirtualClock
-from pdcd.driver import CameraSettings, ConfigError, DeviceLost, ExposureError, PhotoError
+from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
+from pdcd.driver import (
+    CameraSettings,
+    ConfigError,
+    DeviceLost,
+    DriverContext,
+    ExposureError,
+    PhotoError,
+)
 from tests.genicam_rig import (
     BLACK_DN,
     SETTINGS,
@@ -299,6 +309,35 @@ def test_an_edge_starts_the_exposure() -> None:
         with pytest.raises(PhotoError, match="no frame"):
             camera.fetch(60.0)
         camera.close("readout")
+
+
+def test_the_doctor_says_what_was_found_and_exposes_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("drivers.genicam.doctor._RMEM", Path("/dev/null"))
+    config = Config(
+        camera=CameraConfig(driver="genicam", options={"camera": "V1"}),
+        trigger=TriggerConfig(driver="genicam"),
+    )
+    film, clock = Sheets(), VirtualClock()
+    with hosted("BayerGB12p", film=film, clock=clock) as virtual:
+        found = list(examine_genicam(DriverContext(config=config, clock=clock)))
+        told = {finding.what: finding.found for finding in found}
+        assert not [finding for finding in found if finding.state == "fault"]
+        assert "virtual GenICam V1 at 127.0.0.1" in told["camera that answers"]
+        assert told["picture"] == "64 x 48 pixels of BayerGB12p"
+        assert told["ISO"] == "100, 200, 400, 800" and told["white level"] == "4095 DN"
+        states = {finding.what: finding.state for finding in found}
+        assert states["packets"] == "warning" and states["net.core.rmem_max"] == "unknown"
+        assert virtual.exposures == 0
+        camera = client(clock)
+        camera.open("readout")
+        (*_, last) = examine_genicam(DriverContext(config=config, clock=clock))
+        assert last.state == "fault" and "held by another program" in last.found
+        camera.close("readout")
+    with turn():
+        (*_, last) = examine_genicam(DriverContext(config=config, clock=clock))
+        assert last.state == "fault" and "V1" in last.found
 
 
 @needs_stock
