@@ -82,8 +82,12 @@ class GenicamCamera:
         clock: Clock,
         sure_ns: int,
         alive: Callable[[], object] = lambda: None,
+        moves: Callable[[], bool] = lambda: False,
     ) -> None:
+        """`moves` says whether the next exposure is to begin and end while panels are lit, and so
+        to be as long as planned and no longer."""
         self.options = options
+        self._moves = moves
         self.clock = clock
         self._sure_ns = sure_ns
         self._alive = alive
@@ -93,6 +97,7 @@ class GenicamCamera:
         self._settings: CameraSettings | None = None
         self._time: tuple[float, float] | None = None
         """Of the next exposure: what the camera was set to, and what of it is margin, s."""
+        self._planned_s: float | None = None
         self._exposure: _Exposure | None = None
         self._owes_frame = False
         """Whether a frame of an exposure that was given up may yet come."""
@@ -105,7 +110,7 @@ class GenicamCamera:
 
         def make() -> GenicamCamera:
             options = read_genicam_options(context.config)
-            return cls(options, context.clock, context.config.trigger.sure_ns, context.alive)
+            return cls(options, *list_camera_parts(context))
 
         return context.the(cls, make)
 
@@ -174,8 +179,10 @@ class GenicamCamera:
                     device=CAMERA_DEVICE,
                     hint="close the shutter first",
                 )
+            if self._moves() and self._planned_s is not None:
+                self._plan(self._planned_s, exact=True)
             time_s, spare_s = self._time or self._plan(None)
-            self._time = None
+            self._time = self._planned_s = None
             self._frames.forget()
             if self.options.exposure == "edge":
                 now_ns = self.clock.now_ns()
@@ -245,7 +252,8 @@ class GenicamCamera:
             _check_exposed(exposure)
         with self._trusted():
             self._owes_frame = True
-            if exposure is not None and exposure.late_s > 0.0 and self.options.exposure == "timed":
+            timed = self.options.exposure == "timed" and not self._moves()
+            if timed and exposure is not None and exposure.late_s > 0.0:
                 raise PhotoError(
                     f"the panels were done {exposure.late_s:.3g} s after the exposure of "
                     f"{exposure.time_s:.3g} s had ended",
@@ -273,15 +281,16 @@ class GenicamCamera:
             | {"FrameID": f"{buffer.frame_id}", "Timestamp": f"{buffer.timestamp_ns}"},
         )
 
-    def _plan(self, exposure_s: float | None) -> tuple[float, float]:
+    def _plan(self, exposure_s: float | None, *, exact: bool = False) -> tuple[float, float]:
         """Set the time of the next exposure, and what of it is margin."""
         options = self.options
+        self._planned_s = exposure_s
         if options.exposure == "width":
             return (0.0, 0.0)
         if exposure_s is None:
             whole_s = spare_s = options.unplanned_s
         else:
-            spare_s = options.margin_s + options.margin * exposure_s
+            spare_s = 0.0 if exact else options.margin_s + options.margin * exposure_s
             # It may begin at once, and be believed to begin so much later.
             spare_s += 1e-9 * self._sure_ns
             whole_s = exposure_s + spare_s
@@ -361,6 +370,14 @@ class GenicamCamera:
         self._device = self._exposure = self._time = None
         self._alive()
         self._let_go()
+
+
+def list_camera_parts(
+    context: DriverContext,
+) -> tuple[Clock, int, Callable[[], object], Callable[[], bool]]:
+    """What a `GenicamCamera` of this rig needs besides its options."""
+    shared = context.shared
+    return context.clock, context.config.trigger.sure_ns, context.alive, lambda: shared.moving
 
 
 def _check_exposed(exposure: _Exposure | None) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pdcd.driver import ConfigError, DriverContext
 
-from ..genicam.camera import GenicamCamera
+from ..genicam.camera import GenicamCamera, list_camera_parts
 from ..genicam.device import GenicamDevice
 from ..genicam.options import read_genicam_options
 from ..genicam.pixels import BY_NAME
@@ -109,7 +109,7 @@ class HostedCamera(GenicamCamera):
         options = msgspec.structs.replace(
             options, camera=VIRTUAL_ADDRESS, resend=False, wait_s=max(options.wait_s, _WAIT_S)
         )
-        super().__init__(options, context.clock, config.trigger.sure_ns, context.alive)
+        super().__init__(options, *list_camera_parts(context))
 
     def open(self, user: str) -> GenicamDevice:
         """Have the camera listen, and open it."""

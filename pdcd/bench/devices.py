@@ -330,7 +330,8 @@ class SharedState:
     a shutter that is not its own goes by it. None while the shutter is open, and once its photo
     was made."""
     moving: bool = False
-    """Whether the shutter of this exposure is meant to move while the panels show their frames."""
+    """Whether the shutter of this exposure is meant to move while the panels show their frames: a
+    camera that times it then leaves out its margin."""
     pixels: ShownPictures | None = None
     """The panels' own pixels of the same frames, from a display that looks at them: a virtual
     camera believes these rather than the frame log."""

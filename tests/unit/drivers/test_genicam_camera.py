@@ -215,6 +215,19 @@ def test_panels_that_outlast_the_exposure_make_it_a_lost_one() -> None:
         camera.close("readout")
 
 
+def test_an_exposure_amid_light_is_as_long_as_planned() -> None:
+    film, clock = Sheets(), VirtualClock()
+    with hosted("Mono8", film=film, clock=clock):
+        camera = client(clock)
+        camera._moves = lambda: True
+        for planned_s in (0.5, 0.25):
+            photo = shoot(camera, CameraSettings(100, None, exposure_s=planned_s))
+            # It is believed to begin a millisecond later than it may: `trigger` says so.
+            assert film.exposures[-1].exposure_s == pytest.approx(planned_s + 0.001, abs=1e-6)
+            assert np.array_equal(photo.samples, film.last)
+        camera.close("readout")
+
+
 def test_an_exposure_that_is_closed_early_is_given_up() -> None:
     film, clock = Sheets(), VirtualClock()
     with hosted("Mono8", film=film, clock=clock) as virtual:
