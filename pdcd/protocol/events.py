@@ -104,8 +104,8 @@ class ShutterClosed(Event, frozen=True, kw_only=True, tag_field="type", tag="shu
 
 
 class ShotDiscarded(Event, frozen=True, kw_only=True, tag_field="type", tag="discarded"):
-    """Codes got unequal light, its photo was lost, or the times of the exposure disagree: what there is
-    of it is kept under another name, and it is taken again."""
+    """Codes got unequal light, its photo was lost, or the times of the exposure disagree: what
+    there is of it is kept under another name, and it is taken again."""
 
     shot: ShotName
     name: Annotated[str, Meta(description="new name of the exposure")]
