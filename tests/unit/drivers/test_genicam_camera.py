@@ -357,7 +357,7 @@ def test_the_doctor_says_what_was_found_and_exposes_nothing(
 def test_a_hundred_frames_of_somebody_elses_camera() -> None:
     with stock():
         # It makes its frames when it likes; on a clock of ours no exposure is ever late.
-        camera = client(VirtualClock(), region=(0, 0, 64, 48))
+        camera = client(VirtualClock(), region=(0, 0, 64, 48), wait_s=1.0)
         settings = CameraSettings(100, None, exposure_s=0.001)
         right = failed = 0
         numbers = []
