@@ -20,6 +20,7 @@ from pdcd.driver import (
     DeviceLost,
     DriverContext,
     ExposureError,
+    Patience,
     PhotoError,
     PhotoFrame,
 )
@@ -40,6 +41,8 @@ _SEEN_S = 0.5
 """So long at least it is looked for; a virtual clock must not be moved before that."""
 _EARLY_S = 0.25
 """An exposure that would go on for so long and all its margin is given up instead."""
+_STRAY_S = 0.3
+"""After an exposure that was given up it must be quiet for so long: its frame may be on its way."""
 _BLACK_TRIES = 3
 
 
@@ -81,7 +84,7 @@ class GenicamCamera:
         options: GenicamOptions,
         clock: Clock,
         sure_ns: int,
-        alive: Callable[[], object] = lambda: None,
+        patience: Patience | None = None,
         moves: Callable[[], bool] = lambda: False,
     ) -> None:
         """`moves` says whether the next exposure is to begin and end while panels are lit, and so
@@ -90,7 +93,7 @@ class GenicamCamera:
         self._moves = moves
         self.clock = clock
         self._sure_ns = sure_ns
-        self._alive = alive
+        self._patience = patience or Patience(clock)
         self._users: set[str] = set()
         self._device: GenicamDevice | None = None
         self._frames: FrameReceiver
@@ -131,11 +134,11 @@ class GenicamCamera:
         if self._device is not None and self._device.lost:
             self._drop()
         if self._device is None:
-            self._alive()
+            self._patience.look()
             self._device = GenicamDevice(self.options)
             self._let_go = weakref.finalize(self, self._device.close)
             self._exposure = self._time = None
-            self._frames = FrameReceiver(self._device, self._alive)
+            self._frames = FrameReceiver(self._device, self._patience)
         self._users.add(user)
         return self._device
 
@@ -156,6 +159,8 @@ class GenicamCamera:
         with self._trusted():
             if self._owes_frame or (self._exposure is not None and not self._exposure.closed):
                 device.abort()
+                self._await_ready(device)
+                self._frames.forget(_STRAY_S)
             self._exposure, self._owes_frame = None, False
             device.set_gain(settings.iso)
             if settings.iso not in self._black:
@@ -193,6 +198,7 @@ class GenicamCamera:
     def _start(self, device: GenicamDevice, time_s: float, spare_s: float) -> _Exposure:
         """Start an exposure by command; on return it surely has begun."""
         self._await_ready(device)
+        self._frames.forget()
         begun_ns = self.clock.now_ns()
         self._owes_frame = True  # it may have begun, whatever becomes of what follows
         device.trigger()
@@ -232,8 +238,7 @@ class GenicamCamera:
     def _outlive(self, exposure: _Exposure) -> int:
         """Wait until it is surely over; returns the time."""
         while (now_ns := self.clock.now_ns()) < exposure.over_ns:
-            self.clock.sleep_until_ns(min(exposure.over_ns, now_ns + 1_000_000_000))
-            self._alive()
+            self._patience.sleep_until_ns(exposure.over_ns)
         return now_ns
 
     def fetch(self, timeout_s: float) -> PhotoFrame:
@@ -353,6 +358,7 @@ class GenicamCamera:
         for _ in range(max(1, round(longest_s / _POLL_S))):
             if ask() is not unwanted:
                 return True
+            self._patience.look()
             pause.wait(_POLL_S)
         return False
 
@@ -368,16 +374,15 @@ class GenicamCamera:
 
     def _drop(self) -> None:
         self._device = self._exposure = self._time = None
-        self._alive()
         self._let_go()
 
 
 def list_camera_parts(
     context: DriverContext,
-) -> tuple[Clock, int, Callable[[], object], Callable[[], bool]]:
+) -> tuple[Clock, int, Patience, Callable[[], bool]]:
     """What a `GenicamCamera` of this rig needs besides its options."""
     shared = context.shared
-    return context.clock, context.config.trigger.sure_ns, context.alive, lambda: shared.moving
+    return context.clock, context.config.trigger.sure_ns, context.patience, lambda: shared.moving
 
 
 def _check_exposed(exposure: _Exposure | None) -> None:

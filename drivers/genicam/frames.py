@@ -7,9 +7,8 @@ before, so that no frame is taken for that of another exposure.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 
-from pdcd.driver import DeviceLost, ExposureError, PhotoError
+from pdcd.driver import DeviceLost, ExposureError, Patience, PhotoError
 
 from .aravis import STATUS_WORDS, RawBuffer
 from .device import CAMERA_DEVICE, GenicamDevice
@@ -28,21 +27,22 @@ _LAST_ID = 65535
 class FrameReceiver:
     """What comes from one open camera."""
 
-    def __init__(self, device: GenicamDevice, alive: Callable[[], object]) -> None:
+    def __init__(self, device: GenicamDevice, patience: Patience) -> None:
         self._device = device
-        self._alive = alive
+        self._patience = patience
         self._last_id: int | None = None
 
-    def forget(self) -> None:
-        """Throw away what came of earlier exposures."""
-        while (buffer := self._device.pop(0.0)) is not None:
+    def forget(self, wait_s: float = 0.0) -> None:
+        """Throw away what came of earlier exposures, and what comes until nothing does for so
+        long."""
+        while (buffer := self._device.pop(wait_s)) is not None:
             self._last_id = None if buffer.status else buffer.frame_id
             logger.warning("frame of an earlier exposure thrown away id=%d", buffer.frame_id)
 
     def wait(self, longest_s: float) -> RawBuffer:
         """The frame that is due, whole, and no other.
 
-        Waits in slices, in which a signal is heard. Raises PhotoError, DeviceLost.
+        Waits in slices, between which a cancel is heard. Raises PhotoError, DeviceLost, Cancelled.
         """
         waited_s = asked_s = 0.0
         while waited_s < longest_s:
@@ -50,7 +50,7 @@ class FrameReceiver:
             if buffer is not None:
                 return self.check(buffer)
             waited_s += _SLICE_S
-            self._alive()
+            self._patience.look()
             if waited_s - asked_s >= _ASK_S:
                 asked_s = waited_s
                 self._device.record()  # which raises where the camera is gone

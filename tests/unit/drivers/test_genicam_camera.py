@@ -19,10 +19,12 @@ from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.driver import (
     CameraSettings,
+    Cancelled,
     ConfigError,
     DeviceLost,
     DriverContext,
     ExposureError,
+    Patience,
     PhotoError,
 )
 from tests.genicam_rig import (
@@ -184,7 +186,7 @@ def test_a_frame_of_an_earlier_exposure_is_never_taken_for_the_next() -> None:
     (65535, 1, True), (65535, 0, True), (65535, 65536, True), (65534, 1, False),
 ])  # fmt: skip
 def test_frames_are_counted(last: int | None, came: int, right: bool) -> None:
-    frames = FrameReceiver(None, lambda: None)  # type: ignore[arg-type]
+    frames = FrameReceiver(None, Patience(VirtualClock()))  # type: ignore[arg-type]
     frames._last_id = last
     buffer = RawBuffer(0, came, 0, 1, 1, 0, b"")
     if right:
@@ -212,6 +214,27 @@ def test_panels_that_outlast_the_exposure_make_it_a_lost_one() -> None:
             else:
                 with pytest.raises(PhotoError, match="panels"):
                     camera.fetch(60.0)
+        camera.close("readout")
+
+
+def test_a_cancel_is_heard_while_a_frame_is_waited_for() -> None:
+    film, clock = Sheets(), VirtualClock()
+    with hosted("Mono8", film=film, clock=clock) as virtual:
+        cancelled: list[bool] = []
+        camera = client(clock)
+        camera._patience = Patience(clock, cancelled=lambda: bool(cancelled))
+        shoot(camera)
+        virtual.faults.silent = True
+        camera.arm(SETTINGS)
+        camera.begin()
+        clock.sleep_until_ns(clock.now_ns() + 20_000_000)
+        camera.end()
+        cancelled.append(True)
+        with pytest.raises(Cancelled):
+            camera.fetch(60.0)
+        cancelled.clear()
+        virtual.faults.silent = False
+        assert np.array_equal(shoot(camera).samples, film.last)
         camera.close("readout")
 
 
