@@ -149,7 +149,7 @@ def test_other_options_give_what_a_capture_by_them_gives(tmp_path: Path) -> None
     assert fewer[2].sigma_kind == "sensor"
     errors = [float(np.sum((each.image - run.image) ** 2)) for each in fewer.values()]
     assert errors[0] > errors[1] > errors[2] == 0.0
-    noise = [np.median(each.pictures["indirect"].sensor) for each in fewer.values()]
+    noise = np.array([np.median(one.pictures["indirect"].sensor) for one in fewer.values()])
     np.testing.assert_allclose(noise / noise[2], [2.0, 2.0**0.5, 1.0], rtol=0.05)
     for wrong in (0, 5):
         with pytest.raises(RequestError, match="4 parts"):
