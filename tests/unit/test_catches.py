@@ -17,6 +17,7 @@ from tests.places import ROOT
 ALL = {"Exception", "BaseException"}
 ALLOWED = {
     "drivers/virtual_camera/shutter.py::CameraShutter._collect": "a thread: the camera says so",
+    "drivers/virtual_genicam/camera.py::VirtualGenicamCamera._end": "a thread: no frame comes",
     "pdcd/api/task.py::take_capture": "a capture of a sweep: the others go on",
     "pdcd/bench/registry.py::_import": "a stranger's module, raised as a driver that is none",
     "pdcd/child.py::MessageLine._decoded": "what a child says may be anything: the talk ends",

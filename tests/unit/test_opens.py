@@ -40,6 +40,8 @@ OWN = {
     "pdcd/runs/walk.py: os.open": "folders, through no link",
     "pdcd/server/lock.py: os.open": "a lock: no link, without waiting, and looked at",
     "pdcd/web/pages.py: file.read_bytes": "pages of the program",
+    "drivers/genicam/doctor.py: path.read_text": "a number of the kernel's",
+    "drivers/virtual_genicam/bench.py: open": "a camera and no file",
     "drivers/ptp/holders.py: read_text": "what the kernel tells of a process",
 }
 """What else is opened to be read, and why it may be."""
