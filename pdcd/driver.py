@@ -50,6 +50,7 @@ Tools for cameras
 
 Options and what a doctor says
     `read_options`       the `options` table of a role as a struct of yours
+    `merge_camera_options`    the same of a camera that is both roles, from either table
     `Config`, `CameraConfig`, `TriggerConfig`    tables of the configuration
     `Finding`, `fault`   one line of `pdcd doctor`; the line that an error makes
 
@@ -93,7 +94,7 @@ if TYPE_CHECKING:
     )
     from pdcd.bench.patience import Patience
     from pdcd.bench.placed import panels_of
-    from pdcd.bench.reading import read_options
+    from pdcd.bench.reading import merge_camera_options, read_options
     from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
     from pdcd.errors import (
         Cancelled,
@@ -168,6 +169,7 @@ __all__ = [
     "fault",
     "find_gap",
     "load_profile",
+    "merge_camera_options",
     "panels_of",
     "play_all",
     "read_options",
@@ -198,7 +200,7 @@ _ROOMS = {
         "Finding",
         "fault",
     ),
-    "pdcd.bench.reading": ("read_options",),
+    "pdcd.bench.reading": ("merge_camera_options", "read_options"),
     "pdcd.bench.patience": ("Patience",),
     "pdcd.bench.placed": ("panels_of",),
     "pdcd.bench.tables": ("CameraConfig", "Config", "TriggerConfig"),

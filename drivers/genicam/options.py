@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from pdcd.driver import Config, ConfigError, read_options
+from pdcd.driver import Config, merge_camera_options, read_options
 
 GENICAM_DRIVERS = ("genicam", "virtual-genicam")
 """Drivers that have these options."""
@@ -59,24 +59,11 @@ def read_genicam_options(config: Config) -> GenicamOptions:
     It is enough to give them in one of both tables. Raises ConfigError where they are wrong or
     disagree.
     """
-    roles = (
-        ("camera", config.camera.driver, config.camera.options),
-        ("trigger", config.trigger.driver, config.trigger.options),
-    )
-    given = {role: options for role, driver, options in roles if driver in GENICAM_DRIVERS}
-    merged: dict[str, object] = {}
-    for name, options in given.items():
-        for key, value in options.items():
-            if merged.setdefault(key, value) != value:
-                raise ConfigError(
-                    f"[{name}.options]: {key} = {value!r} is not what [camera.options] says",
-                    device="camera",
-                    hint="trigger and camera are one device: give each option once",
-                )
+    merged, table = merge_camera_options(config, GENICAM_DRIVERS)
     return read_options(
         merged,
         GenicamOptions,
-        table=" or ".join(f"{name}.options" for name in given) or "camera.options",
+        table=table,
         device="camera",
         hint="docs/genicam.md lists the options of the driver genicam",
     )

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from pdcd.driver import Config, ConfigError, read_options
+from pdcd.driver import Config, merge_camera_options, read_options
 
 ReleaseName = Literal["auto", "remote", "bulb", "external"]
 
@@ -49,25 +49,13 @@ def read_ptp_options(config: Config) -> PtpOptions:
     [camera.options] and [trigger.options] speak of the same camera where both drivers are `ptp`:
     it is enough to give them once. Raises ConfigError where they are wrong or disagree.
     """
-    roles = (
-        ("camera", config.camera.driver, config.camera.options),
-        ("trigger", config.trigger.driver, config.trigger.options),
-    )
-    given = {role: options for role, driver, options in roles if driver == "ptp"}
     # A file in the camera's memory is lost unless somebody fetches it from there.
-    merged: dict[str, object] = {} if "camera" in given else {"destination": "card"}
-    for name, options in given.items():
-        for key, value in options.items():
-            if merged.setdefault(key, value) != value:
-                raise ConfigError(
-                    f"[{name}.options]: {key} = {value!r} is not what [camera.options] says",
-                    device="camera",
-                    hint="trigger and camera are one device: give each option once",
-                )
+    start = {} if config.camera.driver == "ptp" else {"destination": "card"}
+    merged, table = merge_camera_options(config, ("ptp",), start)
     return read_options(
         merged,
         PtpOptions,
-        table=" or ".join(f"{name}.options" for name in given),
+        table=table,
         device="camera",
         hint="docs/ptp.md lists the options of the driver ptp",
     )

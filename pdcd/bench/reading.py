@@ -17,7 +17,7 @@ import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import msgspec
 from msgspec.structs import FieldInfo
@@ -26,6 +26,9 @@ from pdcd.errors import ConfigError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import read_file
 from pdcd.printable import to_one_line
+
+if TYPE_CHECKING:
+    from pdcd.bench.tables import Config
 
 _S = TypeVar("_S", bound=msgspec.Struct)
 
@@ -183,6 +186,32 @@ def read_options(
         except ValueError as err:  # of the struct's own check, which is about several keys
             raise _wrong([str(err)], table, device, hint) from err
     raise _wrong(faults, table, device, hint)
+
+
+def merge_camera_options(
+    config: Config, drivers: Collection[str], start: Mapping[str, Any] = MappingProxyType({})
+) -> tuple[dict[str, Any], str]:
+    """The options of a camera that is both readout and shutter, and the name of their table, for
+    `read_options`: it is enough to give them in [camera.options] or in [trigger.options].
+
+    drivers : names of those that have them. start : what holds where nothing else is given.
+    Raises ConfigError where both tables say different things.
+    """
+    roles = (
+        ("camera", config.camera.driver, config.camera.options),
+        ("trigger", config.trigger.driver, config.trigger.options),
+    )
+    given = {role: options for role, driver, options in roles if driver in drivers}
+    merged = dict(start)
+    for name, options in given.items():
+        for key, value in options.items():
+            if merged.setdefault(key, value) != value:
+                raise ConfigError(
+                    f"[{name}.options]: {key} = {value!r} is not what [camera.options] says",
+                    device="camera",
+                    hint="trigger and camera are one device: give each option once",
+                )
+    return merged, " or ".join(f"{name}.options" for name in given) or "camera.options"
 
 
 def _wrong(faults: list[str], table: str, device: str, hint: str) -> ConfigError:

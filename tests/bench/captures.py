@@ -28,6 +28,7 @@ from tests.bench.measure import REPEATS, peak_mib, timed
 from tests.bench.photo import SCENE
 from tests.bench_rig import from_path
 from tests.places import ROOT
+from tests.taken import started
 
 PDCD = Path(sys.executable).with_name("pdcd")
 SOCKET, LOG = "pdcd.sock", "log"
@@ -64,7 +65,7 @@ def noisy_errors(cases: Sequence[tuple[str, int, str, int]]) -> list[float]:
 def measure_engine(grid: tuple[int, int], count: int, window: str) -> dict[str, float]:
     """Seconds and peak MiB of a default indirect capture (and its white shot), in process."""
     request = _request(count, window)
-    with opened(config_for(SCENE, (grid[0], grid[1]))) as engine:
+    with started(config_for(SCENE, (grid[0], grid[1]))) as engine:
         with tempfile.TemporaryDirectory() as folder:
             jobs = iter(range(1000))
             time_s, _ = timed(
@@ -100,20 +101,10 @@ def _request(count: int, window: str) -> CaptureRequest:
     return msgspec.convert(values, CaptureRequest)
 
 
-@contextmanager
-def opened(config: Config) -> Iterator[Engine]:
-    engine = Engine.from_config(config)
-    engine.start()
-    try:
-        yield engine
-    finally:
-        engine.stop()
-
-
 def take_one(config: Config, **fields: Any) -> tuple[Engine, CaptureResult, Path]:
     """A capture, of indirect light unless `fields` name another goal, with its folder, and the
     engine that took it. Raises RuntimeError where it fails."""
-    with opened(config) as engine:
+    with started(config) as engine:
         request = CaptureRequest(**{"goal": "indirect", **fields})
         result = engine.capture(request, job="job", emit=lambda _: None, cancelled=lambda: False)
     if result.state != "done" or result.folder is None:
@@ -123,7 +114,7 @@ def take_one(config: Config, **fields: Any) -> tuple[Engine, CaptureResult, Path
 
 def take_into(folder: Path, config: Config, request: CaptureRequest) -> tuple[CaptureResult, Path]:
     """A finished capture as an engine of its own takes it, and its run, below a folder."""
-    with opened(config) as engine:
+    with started(config) as engine:
         result = capture_with(engine, request, folder, "job")
     if result.folder is None:
         raise RuntimeError("a finished capture has no folder")

@@ -16,9 +16,10 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.virtual.scene.presets import PRESETS
 from pdcd.words import FamilyName
 from tests.bench import plots
-from tests.bench.captures import capture_with, config_for, opened
+from tests.bench.captures import capture_with, config_for
 from tests.bench.code_error import FAMILIES, FIRST, MATRICES
 from tests.bench.tables import Section, Table, percent
+from tests.taken import started
 
 SCENES = (*MATRICES, *PRESETS)
 RIVALS = ("multi-image", "nayar")
@@ -91,7 +92,7 @@ def _captures(scene: str, way: str) -> Iterator[tuple[tuple[str, Noise, str, flo
         for seconds in reversed(SECONDS):
             config = config_for(scene)
             camera = msgspec.structs.replace(config.camera, noise=noise, f_number=f_number)
-            with opened(msgspec.structs.replace(config, camera=camera)) as engine:
+            with started(msgspec.structs.replace(config, camera=camera)) as engine:
                 point, used = _point(engine, _request(way, seconds))
             f_number = used
             yield (scene, noise, way, seconds), point

@@ -12,9 +12,10 @@ import numpy as np
 from pdcd.codes.pilot.codes import MATCHED, choose_pilot_count
 from pdcd.protocol.request import CaptureRequest
 from tests.bench import plots
-from tests.bench.captures import capture_with, config_for, opened
+from tests.bench.captures import capture_with, config_for
 from tests.bench.tables import Aim, Section, Table, percent
 from tests.places import ROOT
+from tests.taken import started
 
 GRID = (24, 32)
 MIRRORS, BALL = ("mirror_32x24", "mirror-and-vase"), "disco-ball"
@@ -86,7 +87,7 @@ def _error(scene: str, request: CaptureRequest, seed: int) -> float:
     files = {}
     if isinstance(request.prior, str) and not request.prior.startswith("scene:"):
         files["prior"] = Path(request.prior)
-    with opened(config) as engine, tempfile.TemporaryDirectory() as folder:
+    with started(config) as engine, tempfile.TemporaryDirectory() as folder:
         result = capture_with(engine, request, Path(folder), f"pilot-{seed}", files)
     return float(str(result.summary["rms_error_quads"]))
 

@@ -20,10 +20,11 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import REPORT_FILE, read_manifest
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.products import PanelExposure
-from tests.bench.captures import PDCD, capture_with, config_for, opened
+from tests.bench.captures import PDCD, capture_with, config_for
 from tests.bench.measure import REPEATS, alone, peak_mib, timed
 from tests.bench.photo import SCENE
 from tests.bench.tables import Aim, Section, Table, seconds
+from tests.taken import started
 
 COUNT, WINDOW = 128, "quarter"
 FRAMES = ((480, 640), (1424, 2136))
@@ -125,7 +126,7 @@ def take(frame: tuple[int, int], place: str, folder: str) -> dict[str, Any]:
         return found
 
     request = CaptureRequest(goal="indirect", codes=COUNT, window="quarter", seed=1)
-    with pytest.MonkeyPatch.context() as patch, opened(config_of(frame, place)) as engine:
+    with pytest.MonkeyPatch.context() as patch, started(config_of(frame, place)) as engine:
         patch.setattr(OpticalBench, "photo", timed_photo)
         result = capture_with(engine, request, Path(folder), "pixels")
     later = [s for times in taken.values() for s in times[1:]]
