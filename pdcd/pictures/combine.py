@@ -153,10 +153,10 @@ def _weigh_quads(weights: CellWeights, cells: CellMap) -> QuadWeights:
     """What to divide the quads of a photo by: those of direct light alone by less where panels draw
     borders of cells apart, as that is dark there."""
     of_quads = weigh_quads(weights, cells)
-    border = _border_of(weights.realised, of_quads, cells)
-    if border is None or weights.photo.wanted.uniform != (1.0, 0.0):
+    if weights.photo.wanted.uniform != (1.0, 0.0):
         return of_quads
-    return border.weigh_direct(of_quads)
+    border = _border_of(weights.realised, of_quads, cells)
+    return of_quads if border is None else border.weigh_direct(of_quads)
 
 
 def _border_of(realised: Factors, of_quads: QuadWeights, cells: CellMap) -> BorderLight | None:

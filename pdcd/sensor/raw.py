@@ -157,8 +157,9 @@ def read_raw(
     ----------
     path
         Any RAW format LibRaw knows. Of an image with an odd number of rows or columns the last one
-        is left out, and so are masked borders; of a picture that begins in the middle of a quad
-        LibRaw leaves out the first. The orientation tag is not followed.
+        is left out, and so are masked borders. A DNG's image is its ActiveArea, wherever that
+        begins; of others in the middle of a quad LibRaw leaves out the first row or column. The
+        orientation tag is not followed.
     sha256, size_bytes
         What the file must be, as announced when it was fetched. Without them a file is refused that
         is shorter than its headers say, or whose samples cannot be; no damage beside is noticed.
