@@ -1,9 +1,9 @@
-# make demo: one capture on the mock bench. make test: all tests. Both install what is missing, as
-# all others do.
+# make demo: one capture on the mock bench. make test: the tests, but for whole jobs, which
+# make test-whole runs, and long ones. All install what is missing.
 # make web: the page for the bench, in a browser. make notebook: the tutorial, in Jupyter.
 # make test-slow: whole captures with photos of a 450D's size, by three drivers; minutes.
 # make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
-.PHONY: demo web notebook test test-long test-slow test-systemd lint bench soak mutants goldens strangers clean
+.PHONY: demo web notebook test test-whole test-long test-slow test-systemd lint bench soak mutants goldens strangers clean
 
 # Processes start often here; each would compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -32,9 +32,14 @@ notebook:
 # Three workers for two cores: many tests wait for a display, which keeps real time.
 test:
 	@.ci/setup dev
-	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 3 --dist worksteal -m "not long"
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 3 --dist worksteal -m "not long and not whole"
 
-# Those that take long each: many seeds, many cases, whole frames. Plain pytest runs both.
+# Whole jobs: calibrations and captures from the first light to the verdict.
+test-whole:
+	@.ci/setup dev
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 3 --dist worksteal -m "whole and not long"
+
+# Those that take long each: many seeds, many cases, whole frames. Plain pytest runs all three.
 test-long:
 	@.ci/setup dev
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 3 --dist worksteal -m long

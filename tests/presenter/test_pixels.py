@@ -27,6 +27,8 @@ from tests.panel_pixels import planned, random_frames
 from tests.sampled import sampled
 from tests.xserver import XServer
 
+pytestmark = pytest.mark.whole
+
 BENT = {
     "projector": Placing(
         flip="horizontal", turn_deg=-5.0, scale=1.2, offset_px=(2.5, -3.0), radial=(0.06, -0.02)

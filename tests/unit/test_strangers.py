@@ -151,9 +151,8 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Found]:
         yield facts, folder, files
 
 
-def test_a_stranger_is_photographed_as_if_it_were_known(
-    found: Found,
-) -> None:
+@pytest.mark.whole
+def test_a_stranger_is_photographed_as_if_it_were_known(found: Found) -> None:
     """One common factor apart: the steps that find it are left out."""
     facts, folder, files = found
     scene = Stands(stands="scene")
@@ -164,9 +163,8 @@ def test_a_stranger_is_photographed_as_if_it_were_known(
     assert taken["error_scaled"] <= max(1.3 * true["error_scaled"], 0.003)
 
 
-def test_a_stranger_whose_mask_was_moved_is_not_called_good(
-    found: Found,
-) -> None:
+@pytest.mark.whole
+def test_a_stranger_whose_mask_was_moved_is_not_called_good(found: Found) -> None:
     facts, folder, files = found
     moved = Stands(stands="scene", mask_shift_px=(16.0, -12.0))
     taken = photograph(files["sheet"], folder, facts, moved, "indirect", **CODES)

@@ -13,6 +13,8 @@ from pdcd.capture.again import recompute_calibration
 from pdcd.capture.engine import Engine
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
 
+pytestmark = pytest.mark.whole
+
 TRUTH = """
 [mask]
 contrast = 300.0

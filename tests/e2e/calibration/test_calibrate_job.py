@@ -30,6 +30,8 @@ from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify_calibration import verify_calibration
 
+pytestmark = pytest.mark.whole
+
 BENCH = """
 [rig]
 name = "turned"

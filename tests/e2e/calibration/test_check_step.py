@@ -28,6 +28,8 @@ from tests.e2e.calibration.hands import Hands
 from tests.sampled import sampled
 from tests.unit.calibration.scripted import preview_of
 
+pytestmark = pytest.mark.whole
+
 GOOD, REFIT, BAD = Verdict.GOOD, Verdict.DOUBTFUL, Verdict.BAD
 THEN = Truth()
 

@@ -17,6 +17,8 @@ from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.displaced import DisplacedEffect
 from tests.e2e.calibration.steps_rig import SmallBench
 
+pytestmark = pytest.mark.whole
+
 GRID = (24, 32)
 
 

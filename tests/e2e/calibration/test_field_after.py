@@ -19,6 +19,8 @@ from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.runs.folder import read_manifest
 from tests.e2e.calibration.steps_rig import SmallBench
 
+pytestmark = pytest.mark.whole
+
 GRID = (12, 16)
 TIMES = """
 [projector]

@@ -32,6 +32,8 @@ from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify_calibration import verify_calibration
 from tests.e2e.calibration.test_calibrate_job import bench
 
+pytestmark = pytest.mark.whole
+
 FEW = frozenset(steps.STEP_SCRIPTS) - {"geometry", "check"}
 """Steps that are left out of a whole calibration here, for these tests shall not last."""
 KILLED = """

@@ -19,6 +19,8 @@ from pdcd.capture.worker.calibrating import read_arrays
 from pdcd.sensor.profile import load_profile
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
 
+pytestmark = pytest.mark.whole
+
 TRUTH = """
 [projector]
 contrast = 900.0

@@ -15,6 +15,8 @@ from pdcd.panels.map import map_between
 from pdcd.panels.map_file import load_maps
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
 
+pytestmark = pytest.mark.whole
+
 TRUTH = """
 [mask.place]
 turn_deg = 1.0

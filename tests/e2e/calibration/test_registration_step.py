@@ -19,6 +19,8 @@ from tests.e2e.calibration.hands import Hands
 from tests.e2e.calibration.steps_rig import make_config
 from tests.unit.calibration.scripted import preview_of
 
+pytestmark = pytest.mark.whole
+
 TRUTH = """
 [mask]
 contrast = 450.0

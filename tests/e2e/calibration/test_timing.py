@@ -14,6 +14,8 @@ from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import PanelResponse
 from tests.e2e.calibration.timing_rig import REFRESH_S, bench, calibrated, leaks_of, record_of
 
+pytestmark = pytest.mark.whole
+
 STRIPS = tuple(f"rhythms-{number}" for number in (1, 2, 3, 4))
 TAUS = """
 [projector]

@@ -14,6 +14,8 @@ from pdcd.cli.main import main
 from pdcd.runs.folder import read_manifest
 from tests.places import ROOT
 
+pytestmark = pytest.mark.whole
+
 TRUTH = ROOT / "config" / "truth.toml"
 BENCH = {
     "rig": {"name": "small"},

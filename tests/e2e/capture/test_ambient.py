@@ -17,6 +17,8 @@ from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify import verify_run
 from tests.taken import Taken, request_of, started, take
 
+pytestmark = pytest.mark.whole
+
 Grid = tuple[int, int]
 
 COARSE, FINE = (12, 16), (24, 32)

@@ -33,6 +33,8 @@ from pdcd.runs.place import HeldFolder
 from pdcd.watch import Watch
 from tests import bench_rig
 
+pytestmark = pytest.mark.whole
+
 REQUEST = CaptureRequest(goal="indirect", codes=4, white=False)
 FAULTY = Path(__file__).with_name("_faulty.py")
 FOREVER = (sys.executable, "-S", "-c", "import time; time.sleep(3600)")

@@ -17,6 +17,8 @@ from pdcd.pictures.photos import NO_SMOOTH_MODELS
 from tests import bench_rig, taken
 from tests.taken import Taken, relative_rms
 
+pytestmark = pytest.mark.whole
+
 GRID = (12, 16)
 
 

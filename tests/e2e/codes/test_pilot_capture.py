@@ -20,6 +20,8 @@ from pdcd.runs.record import ShotRecord
 from tests import bench_rig
 from tests.places import DATA
 
+pytestmark = pytest.mark.whole
+
 MIRROR = SceneConfig(kind="matrix", path=str(DATA / "mirror_32x24.npz"))
 
 

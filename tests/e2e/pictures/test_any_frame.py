@@ -29,6 +29,8 @@ from tests.sampled import sampled
 from tests.soak import wanted
 from tests.taken import take_with
 
+pytestmark = pytest.mark.whole
+
 Floats = NDArray[np.float64]
 
 FRAME = (51, 70)

@@ -23,6 +23,8 @@ from tests.bench.own_quads import BENCHES, FRAME, take
 from tests.places import DATA
 from tests.sampled import sampled
 
+pytestmark = pytest.mark.whole
+
 MATRICES = ("corner", "mirror")
 SCENES = (*MATRICES, "open-book", "wax-disk", "disco-ball", "milky-bottle")
 EASY, HARD = "milky-bottle", "disco-ball"

@@ -20,6 +20,8 @@ from pdcd.bench.tables import (
 from pdcd.protocol.result import Quality
 from tests.taken import Taken, take
 
+pytestmark = pytest.mark.whole
+
 Grid = tuple[int, int]
 
 COARSE, FINE = (6, 8), (12, 16)

@@ -22,6 +22,8 @@ from pdcd.panels.frames import Frames
 from pdcd.pictures.misplaced import estimate_lost_direct, measure_misplacement
 from tests.taken import Taken, take
 
+pytestmark = pytest.mark.whole
+
 SIZE_PX = (256, 192)
 QUADS = (96, 72)
 QUAD_PX = SIZE_PX[0] / QUADS[0]

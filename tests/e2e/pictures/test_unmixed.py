@@ -15,6 +15,8 @@ from pdcd.words import WindowName
 from tests.bench_rig import cells_error
 from tests.taken import take
 
+pytestmark = pytest.mark.whole
+
 FREE = LimitsConfig(min_free_bytes=0)
 WAYS: tuple[WindowName | None, ...] = (None, "quarter")
 

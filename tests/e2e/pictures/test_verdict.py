@@ -32,6 +32,8 @@ from pdcd.protocol.result import Quality
 from pdcd.sensor.raw import read_raw
 from tests.taken import take
 
+pytestmark = pytest.mark.whole
+
 GRID = (24, 32)
 Bits = NDArray[np.uint8]
 Move = Callable[[Bits], Bits]

@@ -20,6 +20,8 @@ from tests.e2e.server.test_daemon_real import connect
 from tests.places import ROOT
 from tests.processes import LONG_S, soon
 
+pytestmark = pytest.mark.whole
+
 DATA = ROOT / "tests" / "data"
 
 CONFIG = """

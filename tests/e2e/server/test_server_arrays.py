@@ -43,6 +43,8 @@ from tests.e2e.server.test_daemon_real import daemon as real_daemon
 from tests.hostile import files
 from tests.hostile.trial import trial
 
+pytestmark = pytest.mark.whole
+
 GRID = (4, 6)
 LIGHT = np.round(np.random.default_rng(3).random(GRID), 3)
 SELF = Peer(os.getpid(), os.getuid(), os.getgid(), "me")

@@ -23,7 +23,7 @@ from tests.browser import READY_MS, Tab, launched
 from tests.e2e.web._bench import Bench, bench
 from tests.tools import needs
 
-pytestmark = needs("chromium")
+pytestmark = [needs("chromium"), pytest.mark.whole]
 HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>"
 
 

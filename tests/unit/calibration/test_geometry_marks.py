@@ -24,6 +24,8 @@ from pdcd.panels.placing import Placing
 from tests.unit.calibration.geometry_bench import Bench, Way, small_way
 from tests.unit.calibration.scripted import Answered, run, session_of
 
+pytestmark = pytest.mark.whole
+
 Floats = NDArray[np.float64]
 
 FRAME = (320, 480)

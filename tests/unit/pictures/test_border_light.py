@@ -22,6 +22,8 @@ from pdcd.probing.borders import BorderStrips, find_strips
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
+pytestmark = pytest.mark.whole
+
 Floats = NDArray[np.float64]
 
 GRID = (3, 4)

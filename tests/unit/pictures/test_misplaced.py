@@ -25,6 +25,8 @@ from pdcd.pictures.misplaced import (
 from pdcd.runs.record import PanelLook
 from pdcd.sensor.cells import CellMap
 
+pytestmark = pytest.mark.whole
+
 Floats = NDArray[np.float64]
 
 WIDTH, HEIGHT = 512, 384
