@@ -33,7 +33,7 @@ FamilyName = Literal[
 MethodName = Literal["coded", "pairs", "multi-image", "nayar"]
 ScheduleName = Literal["none", "both", "lag", "lead", "tail", "full", "wide"]
 """Which black refreshes keep a code apart from the next (`pdcd.panels.schedule`)."""
-GuardsName = Literal["none", "both", "lag", "lead", "tail", "full", "wide", "auto"]
+GuardsName = Literal["none", "both", "lag", "lead", "tail", "full", "wide", "dark", "auto"]
 """The same as it may be asked for; "auto" is settled by the measured lag of the mask."""
 WindowName = Literal["auto", "whole", "quarter", "side-5/8", "side-3/4", "side-7/8"]
 """Part of a mask cell that opens (`pdcd.panels.windows`)."""

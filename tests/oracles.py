@@ -98,9 +98,13 @@ def timeline(
     end = int(log.end_ns[0 if primal else 1])
     start = [0.0]
     on = [pixel_targets(frames, -1, fine, primal, offset)]
-    for row, stamp in zip(shown, stamps, strict=True):
+    for number, (row, stamp) in enumerate(zip(shown, stamps, strict=True)):
         start.append((int(stamp) + panel.skew_ns - open_ns) * 1e-9)
         on.append(pixel_targets(frames, int(row), fine, primal, offset))
+        if log.dark_s is not None and number + 1 < len(stamps):
+            dark_ns = round(1e9 * float(log.dark_s[number]))
+            start.append((int(stamps[number + 1]) - dark_ns + panel.skew_ns - open_ns) * 1e-9)
+            on.append(on[0])
     start.append((end + panel.skew_ns - open_ns) * 1e-9)
     on.append(on[0])
     return Timeline(np.array(start), np.array(on))

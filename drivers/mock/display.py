@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +44,10 @@ class MockDisplay:
     So the slower panel throttles both, as one page flip over two outputs does, and unequal refresh
     rates slip and now and then cost a refresh. Faults of [display.faults] are counted in refreshes
     of the video signal. Panels of 24 planes show the bits of a picture one after the other, and all
-    of them again when no new picture came. Timestamps are
-    exact; the panels' skew comes on top of them, in the optics. Does not model tearing.
+    of them again when no new picture came. Panels that are
+    given times of rows (`display.row_times`) show rows from their first vblank on, each by a clock
+    of its own. Timestamps are exact; the panels' skew comes on top of them, in the optics. Does not
+    model tearing.
     """
 
     maturity = "stable"
@@ -75,6 +78,7 @@ class MockDisplay:
             min(projector.refresh_hz, mask.refresh_hz),
             {"projector": "mock projector", "mask": "mock mask"},
             self._mask_lag_s(),
+            row_times=self._config.display.row_times,
         )
 
     @property
@@ -94,7 +98,8 @@ class MockDisplay:
 
     def load(self, frames: Frames) -> None:
         """Check that every code cell has pixels on both panels, and keep the frames."""
-        check_row_times(frames)
+        if not self._config.display.row_times:
+            check_row_times(frames)
         if self._config.display.planes_per_refresh > 1:
             check_binary(frames.primal_patterns, frames.dual_patterns)
         check_fit(frames, self._panels.projector)
@@ -176,8 +181,12 @@ class MockDisplay:
         planes = self._config.display.planes_per_refresh
         count = -(-asked.shape[1] // planes)
         faults = self._faults(count)
-        flips = self._flips(count, faults)
-        missed = self._missed(flips)[:count]
+        dark_s, delay_s = self._row_times(asked)
+        if dark_s is None and delay_s is None:
+            flips = self._flips(count, faults)
+            missed = self._missed(flips)[:count]
+        else:
+            flips, missed = self._sequence(faults, dark_s, delay_s, count)
         sent = np.full((2, count * planes), BLACK, dtype=np.int32)
         sent[:, : asked.shape[1]] = asked
         shown = sent.reshape(2, count, planes).copy()
@@ -193,7 +202,43 @@ class MockDisplay:
         for side, panel in enumerate(self._true_panels):
             wobble = self._rng.standard_normal(count + 1) * panel.jitter_s * 1e9
             flips[side] = np.maximum.accumulate(flips[side] + np.rint(wobble).astype(np.int64))
-        return self._log(asked, sent.reshape(shown.shape), shown, flips, missed, again)
+        log = self._log(asked, sent.reshape(shown.shape), shown, flips, missed, again)
+        return replace(log, dark_s=dark_s, delay_s=delay_s)
+
+    def _row_times(
+        self, asked: NDArray[np.int32]
+    ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+        """Dark time and delay of what is sent, row by row; None where the frames have none."""
+        assert self._frames is not None  # noqa: S101
+        rows = np.where(asked[0] == BLACK, asked[1], asked[0])
+        times = self._frames.dark_s, self._frames.delay_s
+        dark_s, delay_s = (None if of_row is None else of_row[rows] for of_row in times)
+        return dark_s, delay_s
+
+    def _sequence(
+        self,
+        faults: FaultsConfig,
+        dark_s: NDArray[np.float64] | None,
+        delay_s: NDArray[np.float64] | None,
+        count: int,
+    ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+        """When each panel begins each row, and black after them, (2, count + 1), and refreshes lost
+        before each row: rows follow each other by the panel's own clock, which no vblank holds."""
+        missed = np.zeros(count, dtype=np.int32)
+        for row, lost in faults.late.items():
+            missed[int(row)] = lost
+        dark = np.zeros(count) if dark_s is None else dark_s.copy()
+        dark[-1:] = 0.0  # black ends the last row
+        late = np.append(np.cumsum(missed), missed.sum())
+        begin_ns = self._start_ns()
+        flips = np.empty((2, count + 1), dtype=np.int64)
+        for side, panel in enumerate(self._true_panels):
+            since_s = late / panel.refresh_hz
+            since_s[1:] += np.cumsum(1.0 / panel.refresh_hz + dark)
+            if side == 1 and delay_s is not None:
+                since_s += np.append(delay_s, delay_s[-1:])
+            flips[side] = _next_vblank_ns(panel, begin_ns) + np.rint(1e9 * since_s).astype(np.int64)
+        return flips, missed
 
     def _faults(self, count: int) -> FaultsConfig:
         """The faults of the next `count` refreshes, by their numbers in this pass."""

@@ -57,13 +57,19 @@ _SUMMARY: tuple[tuple[str, str, Callable[[_Value], str]], ...] = (
 """Lines of the table after a capture: key of the summary, label, how to write the value."""
 
 
+def _describe_guards(summary: PlanSummary) -> str:
+    if summary.dark_s > 0.0:
+        return f"both panels black for {1e6 * summary.dark_s:.3g} us after each code"
+    return _GUARDS.get(summary.schedule, summary.schedule)
+
+
 def plan_rows(summary: PlanSummary) -> list[list[str]]:
     """What a capture would do."""
     rows = [
         ["goal", summary.goal],
         ["codes", f"{summary.codes} {summary.family}, p = {summary.p:g}"],
         ["cells", f"{summary.grid[0]} x {summary.grid[1]}, window {summary.window}"],
-        ["passes", f"{summary.passes}, {_GUARDS.get(summary.schedule, summary.schedule)}"],
+        ["passes", f"{summary.passes}, {_describe_guards(summary)}"],
         [
             "light",
             f"{100.0 * summary.light_share:.3g} % of a floodlit exposure, "

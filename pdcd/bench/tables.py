@@ -153,6 +153,9 @@ class DisplayConfig(_Table, frozen=True):
     plane_starts: tuple[Annotated[float, Meta(ge=0.0, lt=1.0)], ...] = ()
     """When each of the 24 planes begins, as a share of a refresh, ascending, as measured; each
     lasts until the next. Empty: all are equally long."""
+    row_times: bool = False
+    """Whether the panels can be black for any time after each row, as DMDs can that show loaded
+    patterns by a clock of their own. Of the mock panels it says that they do."""
     faults: FaultsConfig = field(default_factory=FaultsConfig)
     options: dict[str, Any] = field(default_factory=dict)
 

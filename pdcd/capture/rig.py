@@ -335,11 +335,10 @@ class Rig:
         notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
         self._context.patience.sleep_until_ns(open_ns + settle_ns)
         try:
-            log = self.display.play(progress, cancelled)
+            log = _with_row_times(self.display.play(progress, cancelled), self.display_info)
         except SyncError:
             self._take_spoilt(open_ns, folder, name, notify)
             raise
-        check_row_times(log)
         shared.played = (frames, log)
         self.display.black()
         self._context.patience.sleep_until_ns(int(log.end_ns.max()) + settle_ns)
@@ -369,7 +368,7 @@ class Rig:
         surely closed."""
         shared = self._context.shared
         try:
-            log = self.display.play(mover, mover.over)
+            log = _with_row_times(self.display.play(mover, mover.over), self.display_info)
         except Cancelled:
             if mover.failure is not None:
                 raise mover.failure from None
@@ -378,7 +377,6 @@ class Rig:
             if mover.open_ns is not None:
                 self._take_spoilt(mover.open_ns, folder, mover.shot, mover.notify)
             raise
-        check_row_times(log)
         self.display.black()
         shared.played = (frames, log)
         open_ns, close_ns = shared.exposed_ns = mover.ended()
@@ -429,3 +427,11 @@ class Rig:
         camera = self.camera_info
         model, serial = ("unknown", "") if camera is None else (camera.model, camera.serial)
         return write_photo_frame(photo, folder / f"{name}.dng", model, serial)
+
+
+def _with_row_times(log: FrameLog, info: DisplayInfo | None) -> FrameLog:
+    """The log, with no dark times written out where the display could have had some: all logs of a
+    run tell of them, or none."""
+    if info is None or not info.row_times or log.dark_s is not None:
+        return log
+    return replace(log, dark_s=np.zeros(len(log)))

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import SyncError
-from pdcd.panels.frames import BLACK, FrameLog, Frames, check_row_times
+from pdcd.panels.frames import BLACK, FrameLog, Frames
 
 _Rows = NDArray[np.int32]
 _Seconds = NDArray[np.float64]
@@ -88,9 +88,8 @@ def _short(weights: LitWeights, short: NDArray[np.int64]) -> list[tuple[_Rows, i
 def count_lit_weights(frames: Frames, log: FrameLog, row_hz: float) -> LitWeights:
     """Weights of all pairs of patterns, as `catch_up` compares them.
 
-    Raises SyncError, and ConfigError for rows with times of their own.
+    Raises SyncError.
     """
-    check_row_times(frames, log)
     primal, dual = _contents(frames)
     lit = np.flatnonzero(frames.dual_index != BLACK)
     pairs, first, planned = np.unique(
@@ -208,8 +207,8 @@ def _shown(
     A row's refreshes are those until the mask's next row. A delay of the mask's stream makes up for
     a mask that answers that much sooner, or later: light that belongs together is sent apart.
     """
-    lasts = _refreshes(log.dual_ns, int(log.end_ns[1]), row_hz)
-    own = _refreshes(log.primal_ns, int(log.end_ns[0]), row_hz)
+    lasts = _refreshes(log, row_hz, mask=True)
+    own = _refreshes(log, row_hz, mask=False)
     light = np.repeat(primal[log.primal_shown], lasts)
     mask = np.repeat(dual[log.dual_shown], lasts)
     # A projector that holds a code over its guards may hold it longer without harm.
@@ -225,9 +224,12 @@ def _shown(
     return np.stack([light, mask], axis=1), together
 
 
-def _refreshes(start_ns: NDArray[np.int64], end_ns: int, row_hz: float) -> NDArray[np.int64]:
-    """Whole refreshes that each row lasted."""
-    lasted = np.diff(np.append(start_ns, end_ns)) * (row_hz * 1e-9)
+def _refreshes(log: FrameLog, row_hz: float, *, mask: bool) -> NDArray[np.int64]:
+    """Whole refreshes that each row lasted on a panel, without its dark time."""
+    start_ns = log.dual_ns if mask else log.primal_ns
+    lasted = np.diff(np.append(start_ns, log.end_ns[int(mask)])) * (row_hz * 1e-9)
+    if log.dark_s is not None:
+        lasted[:-1] -= log.dark_s[:-1] * row_hz
     return np.maximum(np.rint(lasted), 0.0).astype(np.int64)
 
 

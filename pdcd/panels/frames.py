@@ -143,11 +143,53 @@ def invert_mask_patterns(frames: Frames) -> Frames:
     return replace(frames, dual_patterns=patterns, dual_index=index)
 
 
+def split_dark_times(log: FrameLog) -> FrameLog:
+    """The same log with each dark time as a black row of its own, and without times of rows.
+
+    For all that sums over what panels showed: such a row is asked for by no row of `Frames`. The
+    last row goes black at `end_ns`, and has none after it; a dark time that is longer than its row
+    lasted fills that row. By how much the mask began later is in `dual_ns` as it is.
+    """
+    dark_s, count = log.dark_s, len(log)
+    if dark_s is None or not np.any(dark_s[:-1]):
+        return replace(log, dark_s=None, delay_s=None)
+    dark = np.append(dark_s[:-1] > 0.0, False)
+    place = np.arange(count) + np.append(0, np.cumsum(dark)[:-1])
+    after = place[dark] + 1
+    rows = count + int(dark.sum())
+    dark_ns = np.rint(1e9 * dark_s[dark]).astype(np.int64)
+
+    def spread(values: NDArray[np.int32], gap: int) -> NDArray[np.int32]:
+        spreaded = np.full(rows, gap, dtype=np.int32)
+        spreaded[place] = values
+        return spreaded
+
+    def spread_times(start_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        times = np.empty(rows, dtype=np.int64)
+        times[place] = start_ns
+        times[after] = np.maximum(start_ns[1:][dark[:-1]] - dark_ns, start_ns[:-1][dark[:-1]])
+        return times
+
+    asked = [spread(rows_of, BLACK) for rows_of in log.asked]
+    return replace(
+        log,
+        primal_shown=spread(log.primal_shown, BLACK),
+        dual_shown=spread(log.dual_shown, BLACK),
+        primal_ns=spread_times(log.primal_ns),
+        dual_ns=spread_times(log.dual_ns),
+        missed=spread(log.missed, 0),
+        primal_asked=asked[0],
+        dual_asked=asked[1],
+        dark_s=None,
+        delay_s=None,
+    )
+
+
 def check_row_times(*shown: Frames | FrameLog) -> None:
     """Refuse dark time and delays of single rows, for whoever takes rows as they are without.
 
-    Called by all that shows, stores or computes with rows and knows of no such times yet: they must
-    not be passed over. Raises ConfigError.
+    Called by displays that show one row right after the other, and by what knows of no such times:
+    they must not be passed over. Raises ConfigError.
     """
     for part in shown:
         for name, seconds in (("dark time", part.dark_s), ("a delay", part.delay_s)):

@@ -66,6 +66,7 @@ def build_frames(
     passes: int,
     primal_black: bool = False,
     dual_black: bool = False,
+    dark_s: float = 0.0,
 ) -> Frames:
     """Frames of one shot.
 
@@ -76,6 +77,7 @@ def build_frames(
     schedule : a name of `SLOTS`.
     passes : how often the whole sequence is shown.
     primal_black, dual_black : keep that panel black, for the shots that measure leaks.
+    dark_s : for how long both panels are black after each row.
     """
     lattice = Lattice(grid, window)
     primal, dual = (make_empty_patterns(), make_empty_patterns()) if pairs is None else pairs
@@ -110,6 +112,7 @@ def build_frames(
         grid=grid,
         lattice=lattice.shape,
         window=window,
+        dark_s=np.full(code.size, dark_s) if dark_s else None,
     )
 
 

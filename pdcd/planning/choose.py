@@ -289,7 +289,7 @@ class _Draft:
         return seconds, files
 
     def _seconds(self, shot: Shot, count: int) -> float:
-        shown_s = self.plan.refreshes(shot) / self.plan.row_hz
+        shown_s = self.plan.refreshes(shot) * self.plan.row_s
         return self.plan.exposure_s(shot) + shown_s * (count / self.count - 1.0)
 
     def _is_repeated(self, shot: Shot, *, split: bool) -> bool:

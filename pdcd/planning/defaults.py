@@ -24,7 +24,7 @@ from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import count_slot_rows
 from pdcd.planning.bench_fit import resolve_window
-from pdcd.planning.schedule_fit import RANGES, resolve_schedule
+from pdcd.planning.schedule_fit import RANGES, resolve_dark_s, resolve_schedule
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.parts import FEWEST_PARTS
 from pdcd.recipes.programs import LongRangeProgram
@@ -274,13 +274,14 @@ def _costs(
     far_alone = request.goal == "long-range" and bool(request.radius)
     window = "whole" if far_alone else resolve_window(request, config, grid)
     fields = Lattice(grid, window).fields
-    rows = count_slot_rows(resolve_schedule(request, config, mask_lag_s))
+    slot_s = count_slot_rows(resolve_schedule(request, config, mask_lag_s)) / config.row_hz
+    slot_s += resolve_dark_s(request, config, mask_lag_s) or 0.0
     # Beside the file, each exposure waits on black before its codes and after them.
     more_s = 2.0 * config.rig.settle_s + config.trigger.lag_s
     return _Costs(
         codes=codes,
         family=request.family or config.schedule.family,
-        coded_s=codes * fields * rows / config.row_hz,
+        coded_s=codes * fields * slot_s,
         file_s=readout_s(config, camera) + more_s,
         tried=(FEWEST_PARTS,) if request.goal in RANGES else _PARTS,
         radius=request.radius if request.goal in RANGES else None,

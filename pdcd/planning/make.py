@@ -36,7 +36,7 @@ from pdcd.planning.look import resolve_black_level, with_leak_probe
 from pdcd.planning.memory import check_memory
 from pdcd.planning.pairs import count_white_slots, make_pattern_pairs, resolve_family
 from pdcd.planning.plan import LeakProbe, PatternPair, Plan, has_code_mask, is_windowed
-from pdcd.planning.schedule_fit import RANGES, resolve_schedule
+from pdcd.planning.schedule_fit import RANGES, resolve_dark_s, resolve_schedule
 from pdcd.protocol.plan_summary import CaptureScheme
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NO_ARRAYS, Given, read_target
@@ -71,6 +71,7 @@ class _Decisions:
     family: FamilyName
     lattice: Lattice
     schedule: ScheduleName
+    dark_s: float
     passes: int
     smooth: bool
     look: LeakProbe | None
@@ -194,7 +195,8 @@ def _decide(
     known = family if coded or family in ISOLATION else None
     how = msgspec.structs.replace(how, family=known)
     recipe = finish_recipe(draft, how)
-    slot_s = count_slot_rows(schedule) / config.row_hz
+    dark_s = resolve_dark_s(request, config, mask_lag_s) or 0.0
+    slot_s = count_slot_rows(schedule) / config.row_hz + dark_s
     check_isolation(recipe, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
     passes = _passes(request, config, recipe, how, lattice, slot_s)
     check_memory(recipe, how, config)
@@ -208,6 +210,7 @@ def _decide(
         family=family,
         lattice=lattice,
         schedule=schedule,
+        dark_s=dark_s,
         passes=passes,
         smooth=smoothable and (usual if request.smooth is None else request.smooth),
         look=blacks.look,
@@ -235,6 +238,7 @@ def _with_codes(
         for pair in patterns.values():
             check_binary(*pair)
     slots = (count_part_codes(how.coded, how.parts) or how.codes) * passes
+    row_s = 1.0 / config.row_hz + decided.dark_s
     plan = Plan(
         recipe=recipe,
         how=how,
@@ -246,7 +250,8 @@ def _with_codes(
         white_slots=count_white_slots(recipe, patterns, lattice, slots, curves),
         row_hz=config.row_hz,
         settle_s=config.rig.settle_s,
-        delay_s=abs(config.mask_delay_rows) / config.row_hz,
+        delay_s=abs(config.mask_delay_rows) * row_s,
+        dark_s=decided.dark_s,
         iso=config.camera.iso,
         reasons=tuple(_reasons(decided, patterns, config, mask_lag_s)),
         curves=curves,
@@ -263,6 +268,9 @@ def _reasons(
     request, recipe, how, lattice = decided.request, decided.recipe, decided.how, decided.lattice
     yield from _brightness(request, how)
     yield from explain_bench_fit(config, lattice.grid, lattice.window, decided.schedule, mask_lag_s)
+    if decided.dark_s > 0.0:
+        late = "at an unknown time" if mask_lag_s is None else f"{1e6 * mask_lag_s:.3g} us later"
+        yield f"dark time: {1e6 * decided.dark_s:.3g} us after each code; the mask follows {late}"
     yield from explain_bit_planes(config)
     yield from explain_wandering_light(recipe, lattice.window)
     yield from explain_grey_levels(patterns.values(), config)

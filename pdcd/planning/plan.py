@@ -67,6 +67,8 @@ class ShotSequence:
     primal_black: bool
     dual_black: bool
     curves: Curves
+    dark_s: float = 0.0
+    """For how long both panels are black after each row."""
 
     @property
     def count(self) -> int:
@@ -92,6 +94,7 @@ class ShotSequence:
             passes=self.passes if pairs is None else times,
             primal_black=self.primal_black,
             dual_black=self.dual_black,
+            dark_s=self.dark_s,
         )
 
     def lit_s(self, row_hz: float) -> float:
@@ -128,6 +131,8 @@ class Plan:
     settle_s: float
     delay_s: float = 0.0
     """Time by which the mask is sent its frames later, or earlier."""
+    dark_s: float = 0.0
+    """For how long both panels are black after each row."""
     iso: int | None = None
     """None: the camera's lowest."""
     smooth: bool = False
@@ -218,6 +223,7 @@ class Plan:
             primal_black=shot.primal_black,
             dual_black=shot.dual_black,
             curves=self.curves,
+            dark_s=self.dark_s,
         )
 
     def frames(self, shot: Shot, *, pairs: int | None = None) -> Frames:
@@ -232,7 +238,7 @@ class Plan:
 
     def light_share(self, shot: Shot) -> float:
         """Mean share of a floodlit exposure of the same length that a path keeps."""
-        duty = 1.0 / count_slot_rows(self.schedule)
+        duty = 1.0 / (count_slot_rows(self.schedule) * self.row_s * self.row_hz)
         if shot.primal_black or shot.dual_black:
             return 0.0
         if shot.white:
@@ -248,13 +254,18 @@ class Plan:
 
     def exposure_s(self, shot: Shot) -> float:
         """Planned time between opening and closing the shutter."""
-        return self.refreshes(shot) / self.row_hz + self.delay_s + 2.0 * self.settle_s
+        return self.refreshes(shot) * self.row_s + self.delay_s + 2.0 * self.settle_s
+
+    @property
+    def row_s(self) -> float:
+        """Time of a row, with the dark time after it."""
+        return 1.0 / self.row_hz + self.dark_s
 
     def codes_without_pilot(self, limit_s: float) -> int:
         """Codes of the coded photo when a pilot ends with its scouts, and exposures last so long
         at most."""
         coded = next(shot for shot in self.recipe.shots if shot.kind in ("coded", "far"))
-        codes_s = self.refreshes(coded) / self.row_hz
+        codes_s = self.refreshes(coded) * self.row_s
         around_s = self.exposure_s(coded) - codes_s
         most = self.how.coded + self.how.pilot - SCOUTS
         for count in range(most, self.how.coded, -1):
@@ -322,8 +333,9 @@ class Plan:
             p=self.p,
             grid=self.grid,
             window=self.window,
-            guards=self.schedule != "none",
+            guards=self.schedule != "none" or self.dark_s > 0.0,
             schedule=self.schedule,
+            dark_s=self.dark_s,
             passes=self.passes,
             parts=self.how.parts,
             shots=shots,

@@ -8,6 +8,7 @@ import numpy as np
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
+from pdcd.errors import RequestError
 from pdcd.probing.pulses import PanelResponse, compute_code_separation
 from pdcd.protocol.request import CaptureRequest
 from pdcd.words import GuardsName, ScheduleName
@@ -32,8 +33,11 @@ the difference between both panels."""
 def resolve_schedule(
     request: CaptureRequest, config: Config, mask_lag_s: float | None
 ) -> ScheduleName:
-    """Refreshes of a code, as asked for or as the rig has them."""
+    """Refreshes of a code, as asked for or as the rig has them; "none" where a dark time keeps
+    codes apart. Raises RequestError as `resolve_dark_s`."""
     asked = config.schedule.guards if request.guards is None else request.guards
+    if resolve_dark_s(request, config, mask_lag_s) is not None:
+        return "none"
     if asked == "auto" and has_measured_times(config):
         return find_quietest_schedule(
             config, mask_lag_s, _FAR_QUIET if request.goal in RANGES else QUIET
@@ -44,7 +48,47 @@ def resolve_schedule(
 def is_lag_needed(request: CaptureRequest, config: Config) -> bool:
     """Whether the plan of a request depends on the lag of the mask."""
     asked = config.schedule.guards if request.guards is None else request.guards
-    return asked == "auto"
+    return asked in ("auto", "dark")
+
+
+def resolve_dark_s(
+    request: CaptureRequest, config: Config, mask_lag_s: float | None
+) -> float | None:
+    """For how long both panels are black after each row, where that keeps codes apart, s; None:
+    refreshes do. "auto" takes a dark time where the panels can and it is shorter than a row.
+
+    Raises RequestError where it is asked for and the panels cannot.
+    """
+    asked = config.schedule.guards if request.guards is None else request.guards
+    row_s = 1.0 / config.row_hz
+    if asked == "dark":
+        if not config.display.row_times:
+            raise RequestError(
+                "schedule: the panels show no dark time between rows",
+                hint="take --schedule both, or set display.row_times for panels that do",
+            )
+        return row_s if mask_lag_s is None else choose_dark_s(config, mask_lag_s)
+    if asked != "auto" or not config.display.row_times or mask_lag_s is None:
+        return None
+    dark_s = choose_dark_s(config, mask_lag_s)
+    return dark_s if dark_s < row_s else None
+
+
+def choose_dark_s(config: Config, mask_lag_s: float) -> float:
+    """The shortest dark time that keeps the light of a row from the mask of the next, s.
+
+    It is as long as the mask is late or early, at the worst row of pixels, by four standard
+    deviations of jitter; and until what a slow panel still shows is less than `QUIET` of a row's
+    light.
+    """
+    projector, mask = config.projector, config.mask
+    jitter_s = _JITTERS * math.hypot(projector.jitter_s, mask.jitter_s)
+    late_s = max(abs(mask_lag_s + row_s) for row_s in scan_out_lags_s(config)) + jitter_s
+    least_s = QUIET / config.row_hz
+    tails_s = (
+        p.fall_s * math.log(max(p.fall_s / least_s, 1.0)) for p in (projector, mask) if p.fall_s
+    )
+    return late_s + sum(tails_s)
 
 
 def choose_schedule(
@@ -54,7 +98,8 @@ def choose_schedule(
 
     Parameters
     ----------
-    asked : True is "full" and False "none", as names of `SLOTS`, or "auto".
+    asked : True is "full" and False "none", as names of `SLOTS`, or "auto"; "dark" is settled
+        before (`resolve_dark_s`).
     mask_lag_rows : lag of the mask in rows, negative where it leads; None where it is not known,
         and "auto" then trusts in nothing but "full".
     jitter_rows : its standard deviation from refresh to refresh.
@@ -66,7 +111,7 @@ def choose_schedule(
     if asked == "auto":
         found = list_tolerant_schedules(mask_lag_rows, jitter_rows)
         return "lag" if "lag" in found else "lead" if "lead" in found else "full"
-    return asked
+    return "none" if asked == "dark" else asked
 
 
 def list_tolerant_schedules(

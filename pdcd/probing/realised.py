@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
 from pdcd.bench.tables import PanelConfig
-from pdcd.panels.frames import FrameLog, Frames, check_row_times
+from pdcd.panels.frames import FrameLog, Frames, split_dark_times
 from pdcd.panels.lattice import Lattice, Overlap
 from pdcd.probing.borders import BorderStrips
 from pdcd.probing.fine import (
@@ -141,10 +141,8 @@ def compute_factors(
     blur_cells : blur of the light on the mask, of direct light only, in cells (rows, cols).
     displacement : (N, 2) of an off-axis scene, in cells down and right, for `Factors.displaced`;
         this light is not blurred.
-
-    Raises ConfigError for rows with times of their own, which it does not know yet.
     """
-    check_row_times(frames, log)
+    log = split_dark_times(log)
     lattice = Lattice(frames.grid, frames.window, offset_cells)
     exposed = _Exposed(frames, lattice, log, primal, dual, open_ns, close_ns)
     blur = Blur(lattice, blur_cells) if any(blur_cells) else None

@@ -142,6 +142,8 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     """Whether there are black refreshes between codes; `schedule` says which."""
     schedule: str = "full"
     """A name of `pdcd.panels.schedule.SLOTS`, which has the refreshes of a code."""
+    dark_s: float = 0.0
+    """For how long both panels are black after each refresh."""
     passes: int
     parts: int = 1
     """Exposures of each coded photo; with `until_error`, at most."""

@@ -343,7 +343,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         describe_field(
             "refreshes that keep a code apart from the next: 1 (none), 2 (both panels black; the "
             "mask black, before or after its code), 3 (tail, for slow masks; full) or 4 (wide, for "
-            "panels set from opposite ends); auto: by the measured lag of the mask",
+            "panels set from opposite ends); dark: a dark time between rows, for DMDs; auto: by "
+            "the measured lag of the mask",
             "photo",
             option="schedule",
             switched=(

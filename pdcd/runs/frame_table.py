@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pdcd.errors import DecodeError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import open_file
-from pdcd.panels.frames import BLACK, FrameLog, Frames, check_row_times
+from pdcd.panels.frames import BLACK, FrameLog, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import Patterns, has_cell_count
 from pdcd.runs.record import ShotRecord
@@ -29,14 +29,15 @@ COLUMNS = (
     "primal_shown", "dual_shown", "t_primal_ns", "t_dual_ns", "skew_ns", "missed", "dropped",
     "row", "dual_row",
 )  # fmt: skip
+DARK_COLUMN = "dark_ns"
+"""One more column, where the display shows rows with dark time between them."""
 
 
 def append_frames(path: Path, shot: str, frames: Frames, log: FrameLog) -> None:
     """Append the refreshes of a shot to the table, which is made if need be.
 
-    Raises OSError, and ConfigError for rows with times of their own, which it has no columns for.
+    Of one display either all logs tell of dark times or none does. Raises OSError.
     """
-    check_row_times(frames, log)
     row, dual_row = log.asked
     columns: tuple[NDArray[np.generic], ...] = (
         np.arange(len(log)),
@@ -55,18 +56,24 @@ def append_frames(path: Path, shot: str, frames: Frames, log: FrameLog) -> None:
         row,
         dual_row,
     )
+    heads: tuple[str, ...] = COLUMNS
+    if log.dark_s is not None:
+        heads, columns = (
+            (*heads, DARK_COLUMN),
+            (*columns, np.rint(1e9 * log.dark_s).astype(np.int64)),
+        )
     new = not path.exists()
     with path.open("a", newline="") as file:
         writer = csv.writer(file)
         if new:
-            writer.writerow(COLUMNS)
+            writer.writerow(heads)
         listed = zip(*(c.tolist() for c in columns), strict=True)
         writer.writerows((shot, *row) for row in listed)
 
 
-def read_frame_columns(path: Path, wanted: Sequence[str] = COLUMNS) -> dict[str, NDArray[Any]]:
-    """A whole table by column, an entry for each refresh: "shot" str, all others int64. Raises
-    DecodeError for a damaged one."""
+def read_frame_columns(path: Path, wanted: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
+    """A whole table by column, an entry for each refresh: "shot" str, all others int64. wanted :
+    which columns, None: all that there are. Raises DecodeError for a damaged one."""
     try:
         with _opened(path) as file:
             head, *lines = _read_rows(file)
@@ -74,10 +81,15 @@ def read_frame_columns(path: Path, wanted: Sequence[str] = COLUMNS) -> dict[str,
         columns = dict(zip(head, entries, strict=True))
         return {
             name: np.array(columns[name], dtype=np.str_ if name == "shot" else np.int64)
-            for name in wanted
+            for name in (_known(head) if wanted is None else wanted)
         }
     except (*_DAMAGE, KeyError, ValueError, OverflowError) as err:
         raise make_table_error(path, err) from err
+
+
+def _known(heads: Sequence[str]) -> tuple[str, ...]:
+    """Columns that a table must have, and the one that it may have."""
+    return (*COLUMNS, DARK_COLUMN) if DARK_COLUMN in heads else COLUMNS
 
 
 def make_table_error(path: Path, err: Exception) -> DecodeError:
@@ -153,7 +165,7 @@ class FrameTable:
             columns = dict(zip(self._heads, zip(*rows, strict=True), strict=True))
             return {
                 column: np.array([int(entry) for entry in columns[column]], dtype=np.int64)
-                for column in COLUMNS[1:]
+                for column in _known(self._heads)[1:]
             }
         except (*_DAMAGE, OverflowError, IndexError, KeyError, ValueError) as err:
             raise make_table_error(self._path, err) from err
@@ -225,6 +237,7 @@ def _log_of(
         primal_asked=primal,
         dual_asked=dual,
         mask_delay=mask_delay,
+        dark_s=table[DARK_COLUMN] / 1e9 if DARK_COLUMN in table else None,
     )
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pdcd.arrays import Floats
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import BenchTruth, load_bench_truth
-from pdcd.panels.frames import PIXEL_WINDOW, Frames, check_row_times
+from pdcd.panels.frames import PIXEL_WINDOW, Frames, split_dark_times
 from pdcd.probing.borders import cell_mismatch_px
 from pdcd.probing.wanted import WantedMatrix
 from pdcd.virtual.optics.histories import Histories
@@ -128,7 +128,7 @@ class OpticalBench:
     def photo(self, exposure: PanelExposure) -> Floats:
         """Light of one exposure at the quads, (rows, cols, 3) in scene units times seconds."""
         frames = exposure.frames
-        check_row_times(frames, exposure.log)
+        exposure = replace(exposure, log=split_dark_times(exposure.log))
         lit, opened = (
             _kind(frames, bool(len(patterns)))
             for patterns in (frames.primal_patterns, frames.dual_patterns)

@@ -95,7 +95,7 @@ def test_every_field_tells_people_what_it_is_and_takes() -> None:
         ("period", "a multiple of 4 from 4 to 65536"),
         ("plane", "9 numbers from -1000000 to 1000000"),
         ("parts", "a whole number from 1 to 64 or auto"),
-        ("guards", "true, false, none, both, lag, lead, tail, full, wide or auto"),
+        ("guards", "true, false, none, both, lag, lead, tail, full, wide, dark or auto"),
         ("masked", "true or false"),
         ("keep", "in or out"),
         ("out", "a text"),
