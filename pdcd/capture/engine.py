@@ -167,7 +167,7 @@ class Engine:
 
     def make_safe_beside(self, within_s: float) -> bool:
         """Panels black and shutter closed, asked from another thread than that of the engine, which
-        hangs in a driver; whether both are, within that time each."""
+        hangs in a driver; whether both are, within that time."""
         return self._in_use.make_safe_beside(within_s)
 
     @property

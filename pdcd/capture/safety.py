@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 
 from pdcd.bench.devices import Display, Shutter
@@ -42,8 +43,9 @@ def make_safe_beside(
     ]
     for thread in asked:
         thread.start()
+    until_s = time.monotonic() + within_s
     for thread in asked:
-        thread.join(within_s)
+        thread.join(max(0.0, until_s - time.monotonic()))
     return safe == [True, True]
 
 
