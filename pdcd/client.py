@@ -146,7 +146,7 @@ class Client:
         """Take a photo and wait for its end; with `detach`, only start it.
 
         `arrays` are those of the request by field, as paths that this process may read, or as
-        numpy arrays: "illumination", "kernel" ..., and "prior" for the file of a transport matrix.
+        numpy arrays: "illumination", "kernel" ..., and "prior" and "codes_from", which are files.
         They are passed on as open files; the daemon needs no right to them.
 
         A detached job is returned as it stands (queued or running). On KeyboardInterrupt the job

@@ -30,6 +30,8 @@ GoalName = Literal[
 FamilyName = Literal[
     "bernoulli", "rademacher", "balanced", "hadamard", "singer", "isolation", "confocal"
 ]
+ShownFamilyName = Literal[FamilyName, "given"]
+"""The same as a run has it; "given" are codes that came with the request."""
 MethodName = Literal["coded", "pairs", "multi-image", "nayar"]
 ScheduleName = Literal["none", "both", "lag", "lead", "tail", "full", "wide"]
 """Which black refreshes keep a code apart from the next (`pdcd.panels.schedule`)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
@@ -15,7 +16,7 @@ from pdcd.bench.reading import describe_unknown_key
 from pdcd.errors import RequestError
 from pdcd.files.opening import Sendable
 from pdcd.protocol.fields import Field, FieldError, list_request_fields
-from pdcd.protocol.request import CaptureRequest, is_prior_in_words
+from pdcd.protocol.request import CaptureRequest
 from pdcd.words import (
     BlackLevelName,
     FamilyName,
@@ -39,6 +40,7 @@ class Arguments(TypedDict, total=False):
 
     codes: int
     family: FamilyName
+    codes_from: str | Path | tuple[ArrayLike, ArrayLike]
     p: float
     shift: tuple[int, int]
     equal_brightness: bool
@@ -111,8 +113,9 @@ def make_request(
             continue
         elif fields[name].kind == "array":
             arrays[name] = _array(name, value, faults)
-        elif fields[name].kind == "prior" and not is_prior_in_words(value):
-            arrays[name] = _transport(value, grid, faults)
+        elif fields[name].kind == "file" and fields[name].is_file(value):
+            packed = _pack_pair if name == "codes_from" else partial(_pack_transport, grid)
+            arrays[name] = _file(name, value, packed, faults)
         else:
             try:
                 values[name] = fields[name].convert(_row(to_json_types(value), fields[name]))
@@ -156,15 +159,33 @@ def _array(name: str, value: Any, faults: list[str]) -> Sendable:
     return found
 
 
-def _transport(prior: Any, grid: Callable[[], tuple[int, int]], faults: list[str]) -> Sendable:
-    """A prior as the file of a transport matrix: what was named, or what an array would be in."""
-    if isinstance(prior, str | os.PathLike):
-        return Path(prior)
+def _file(
+    name: str, value: Any, packed: Callable[[Any], dict[str, NDArray[Any]]], faults: list[str]
+) -> Sendable:
+    """A file of arrays: what was named, or what these arrays would be in."""
+    if isinstance(value, str | os.PathLike):
+        return Path(value)
     try:
-        matrix = np.asarray(prior, dtype=np.float64)
+        arrays = packed(value)
     except (TypeError, ValueError) as err:
-        faults.append(f"prior: {err}")
+        faults.append(f"{name}: {err}")
         return b""
     file = io.BytesIO()
-    np.savez(file, transport=matrix, grid=np.array(grid()))
+    np.savez(file, **arrays)  # type: ignore[arg-type]
     return file.getvalue()
+
+
+def _pack_transport(grid: Callable[[], tuple[int, int]], prior: Any) -> dict[str, NDArray[Any]]:
+    """A prior as the file of a scene has it."""
+    return {"transport": np.asarray(prior, dtype=np.float64), "grid": np.array(grid())}
+
+
+def _pack_pair(value: Any) -> dict[str, NDArray[Any]]:
+    """Codes of projector and mask. Raises ValueError for what is no pair of arrays of numbers."""
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise ValueError("it takes the path of a file, or two arrays (primal, dual)")
+    pair = dict(zip(("primal", "dual"), map(np.asarray, value), strict=True))
+    for name, array in pair.items():
+        if array.dtype.kind not in "biuf":
+            raise ValueError(f"{name} must be an array of real numbers")
+    return pair

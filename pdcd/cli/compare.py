@@ -40,11 +40,13 @@ def compare(args: argparse.Namespace) -> int:
     """Take the photo by all methods, one after the other; ends at the first that fails."""
     refuse_with_local(args, "socket")
     asked, files = parse_request_options(args), collect_array_files(args)
-    without_prior = {name: path for name, path in files.items() if name != "prior"}
+    without_mask = {
+        name: path for name, path in files.items() if name not in ("prior", "codes_from")
+    }
     rows, results = [], []
     for method in _COMPARED:
         result = capture_photo(
-            args, _by_method(asked, method), files if method == "coded" else without_prior
+            args, _by_method(asked, method), files if method == "coded" else without_mask
         )
         if result.state != "done":
             return say_result(result, as_json=args.json)

@@ -14,7 +14,7 @@ from pdcd.cli.typed import parse_share
 from pdcd.errors import ConfigError
 from pdcd.protocol.about import GROUPS
 from pdcd.protocol.fields import Field, FieldError, fields_of, list_request_fields
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, is_prior_in_words
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 
 _Group = argparse._ActionsContainer  # noqa: SLF001
 
@@ -73,7 +73,7 @@ def parse_request_options(args: argparse.Namespace) -> CaptureRequest:
     values, faults = {}, []
     for name, field in list_request_fields().items():
         given = getattr(args, name, None)
-        if given is not None and not _is_file(field, given):
+        if given is not None and not field.is_file(given):
             try:
                 values[name] = field.convert(_value(field, given), option_of(field))
             except FieldError as err:
@@ -88,12 +88,8 @@ def collect_array_files(args: argparse.Namespace) -> dict[str, Path]:
     return {
         name: Path(given)
         for name, field in list_request_fields().items()
-        if (given := getattr(args, name, None)) is not None and _is_file(field, given)
+        if (given := getattr(args, name, None)) is not None and field.is_file(given)
     }
-
-
-def _is_file(field: Field, given: Any) -> bool:
-    return field.kind == "array" or (field.kind == "prior" and not is_prior_in_words(given))
 
 
 def _value(field: Field, given: Any) -> Any:
@@ -134,7 +130,7 @@ def _how(field: Field) -> dict[str, Any]:
             return how | {"metavar": metavar, **({"type": Path} if metavar == "DIR" else {})}
         case "numbers":
             how["nargs"] = "+" if field.about.one_is_both else field.count
-        case "prior":
+        case "file":
             return how | {"metavar": metavar}
     return how | {"metavar": metavar, "type": _number(field)}
 

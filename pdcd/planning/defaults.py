@@ -39,12 +39,12 @@ _PARTED = (
 """Goals that get parts alone unasked."""
 _SPENT = (
     "until_error", "repeat", "error", "confidence", "seconds", "prior", "exposure_s", "method",
-    "equal_brightness",
+    "equal_brightness", "codes_from",
 )  # fmt: skip
 """Fields of which any one says how exposures are to be spent: such a request gets what it names."""
 _NAMED = (*_SPENT, "codes", "family", "pilot", "parts", "smooth")
 """The same of what is shown in all: a request that names none of these may get more light."""
-_CHOSEN = ("codes", "exposure_s", "pilot", "repeat", "equal_brightness")
+_CHOSEN = ("codes", "codes_from", "exposure_s", "pilot", "repeat", "equal_brightness")
 """Fields that follow from the error or the time and are not to be given beside it."""
 _FAR_LEFT = 0.75
 """Weight of far light that codes of four parts must leave, over that of one exposure: cells are lit

@@ -23,8 +23,9 @@ from pdcd.errors import RequestError
 from pdcd.files.arrays import read_array
 from pdcd.files.opening import ArrayLimits, Asker, UnsoundFileError, open_beneath
 from pdcd.files.reading import read_contents
-from pdcd.protocol.fields import ARRAY_FIELDS
-from pdcd.protocol.request import CaptureRequest, SentArray, is_prior_in_words
+from pdcd.planning.own_codes import OWN_CODES, read_own_codes
+from pdcd.protocol.fields import ARRAY_FIELDS, list_request_fields
+from pdcd.protocol.request import CaptureRequest, SentArray
 from pdcd.recipes.arrays import Given, convert_rows, count_most_elements
 from pdcd.virtual.scene.matrix import read_transport
 
@@ -66,15 +67,11 @@ def make_text_source(text: str, file: str | None = None) -> FileSource:
 
 def list_file_fields(request: CaptureRequest) -> dict[str, str | SentArray]:
     """The fields of a request that come as files, by descriptor, text or name."""
-    found = {
+    return {
         name: value
-        for name in ARRAY_FIELDS
-        if isinstance(value := getattr(request, name), str | SentArray)
+        for name, field in list_request_fields().items()
+        if isinstance(value := getattr(request, name), str | SentArray) and field.is_file(value)
     }
-    prior = request.prior
-    if prior is not None and not is_prior_in_words(prior):
-        found["prior"] = prior
-    return found
 
 
 def find_long_fields(request: CaptureRequest) -> dict[str, int]:
@@ -122,6 +119,8 @@ def read_request_arrays(
 
                 given[name], own = read_transport(data, limits)
                 given[PRIOR_GRID] = np.array([own], dtype=np.float64)
+            elif name == OWN_CODES:
+                given |= read_own_codes(data, limits)
             else:
                 given[name] = read_array(data, name, limits)
         except UnsoundFileError as err:

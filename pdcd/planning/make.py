@@ -34,6 +34,7 @@ from pdcd.planning.grey import (
 from pdcd.planning.guided import can_be_guided, follow_prior
 from pdcd.planning.look import resolve_black_level, with_leak_probe
 from pdcd.planning.memory import check_memory
+from pdcd.planning.own_codes import OwnCodes, count_own_codes, fit_own_codes
 from pdcd.planning.pairs import count_white_slots, make_pattern_pairs, resolve_family
 from pdcd.planning.plan import LeakProbe, PatternPair, Plan, has_code_mask, is_windowed
 from pdcd.planning.schedule_fit import RANGES, resolve_dark_s, resolve_schedule
@@ -46,7 +47,7 @@ from pdcd.recipes.make import finish_recipe, make_draft_recipe
 from pdcd.recipes.parts import check_parts, count_part_codes
 from pdcd.recipes.recipe import Recipe
 from pdcd.watch import Watch
-from pdcd.words import BlackLevel, FamilyName, ScheduleName
+from pdcd.words import BlackLevel, ScheduleName, ShownFamilyName
 
 _FAR = ("relit", *RANGES)
 """Goals that may take photos of far light."""
@@ -60,15 +61,16 @@ class ExposureLimitError(RequestError):
 class _Decisions:
     """All that is decided of a plan before its codes are made.
 
-    recipe, how : what is photographed, and how. family : also of a recipe without codes.
-    smooth : whether smooth light is to be corrected. look : at a dark photo; None where black
-    exposures are settled.
+    recipe, how : what is photographed, and how. family : also of a recipe without codes. own :
+    codes that came with the request. smooth : whether smooth light is to be corrected. look : at a
+    dark photo; None where black exposures are settled.
     """
 
     request: CaptureRequest
     recipe: Recipe
     how: CaptureScheme
-    family: FamilyName
+    family: ShownFamilyName
+    own: OwnCodes | None
     lattice: Lattice
     schedule: ScheduleName
     dark_s: float
@@ -93,6 +95,7 @@ def plan_request(
     asked for that; `otherwise` is what is done when its scouts see no sharp paths. Raises
     RequestError as `plan_with_prior`.
     """
+    request = count_own_codes(request, given)
     found = resolve_defaults(request, config, grid, camera, mask_lag_s)
     average, unasked = can_average(request, config), found.otherwise is not None
     plan = plan_with_prior(found.request, config, grid, mask_lag_s, given, watch, average=average)
@@ -189,7 +192,10 @@ def _decide(
     smoothable = _smoothable(draft, request)
     lattice = Lattice(grid, resolve_window(request, config, grid))
     schedule = resolve_schedule(request, config, mask_lag_s)
-    family = resolve_family(request.family, config.schedule.family, draft, how)
+    own = fit_own_codes(given, lattice, draft)
+    family: ShownFamilyName = "given"
+    if own is None:
+        family = resolve_family(request.family, config.schedule.family, draft, how)
     _check_family(family, how, draft)
     coded = any(program.coded for program in draft.programs.values())
     known = family if coded or family in ISOLATION else None
@@ -208,6 +214,7 @@ def _decide(
         recipe=recipe,
         how=how,
         family=family,
+        own=own,
         lattice=lattice,
         schedule=schedule,
         dark_s=dark_s,
@@ -233,6 +240,7 @@ def _with_codes(
         watch=watch,
         curves=curves,
         passes=passes,
+        own=decided.own,
     )
     if config.display.planes_per_refresh > 1:
         for pair in patterns.values():
@@ -243,7 +251,7 @@ def _with_codes(
         recipe=recipe,
         how=how,
         patterns=patterns,
-        p=next((p.p for p in recipe.programs.values() if has_code_mask(p)), 0.5),
+        p=_share_lit(decided),
         window=lattice.window,
         schedule=decided.schedule,
         passes=passes,
@@ -267,6 +275,8 @@ def _reasons(
     """Why cells, window, schedule and codes are what they are, a line each."""
     request, recipe, how, lattice = decided.request, decided.recipe, decided.how, decided.lattice
     yield from _brightness(request, how)
+    if decided.own is not None:
+        yield from decided.own.explain(recipe)
     yield from explain_bench_fit(config, lattice.grid, lattice.window, decided.schedule, mask_lag_s)
     if decided.dark_s > 0.0:
         late = "at an unknown time" if mask_lag_s is None else f"{1e6 * mask_lag_s:.3g} us later"
@@ -276,6 +286,14 @@ def _reasons(
     yield from explain_grey_levels(patterns.values(), config)
     yield from explain_long_range_masks(recipe, request, config, lattice)
     yield from explain_depth_codes(recipe, count_part_codes(how.coded, how.parts), lattice.window)
+
+
+def _share_lit(decided: _Decisions) -> float:
+    """Share of codes in which a cell is lit."""
+    if decided.own is not None:
+        return float(decided.own.primal.mean())
+    programs = decided.recipe.programs.values()
+    return next((p.p for p in programs if has_code_mask(p)), 0.5)
 
 
 def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> CaptureScheme:
@@ -338,7 +356,7 @@ def _smoothable(draft: Recipe, request: CaptureRequest) -> bool:
     return found
 
 
-def _check_family(family: FamilyName, how: CaptureScheme, draft: Recipe) -> None:
+def _check_family(family: ShownFamilyName, how: CaptureScheme, draft: Recipe) -> None:
     """Refuse what a family of codes cannot do."""
     if how.pilot and family != "hadamard" and draft.coded is not None:  # far light needs none
         raise RequestError(f"a pilot cannot guide {family} codes", hint="take the family hadamard")

@@ -15,6 +15,7 @@ from pdcd.codes.pilot.codes import make_pilot_codes
 from pdcd.errors import RequestError
 from pdcd.panels.curve import UNKNOWN_CURVES, Curves, prepare_codes, prepare_sequence
 from pdcd.panels.lattice import Lattice
+from pdcd.planning.own_codes import OwnCodes
 from pdcd.planning.plan import (
     COINS,
     PatternPair,
@@ -38,7 +39,7 @@ from pdcd.recipes.programs import (
 )
 from pdcd.recipes.recipe import Recipe
 from pdcd.watch import Watch
-from pdcd.words import FamilyName
+from pdcd.words import FamilyName, ShownFamilyName
 
 _FEWEST_LIT = 16
 """Codes that light a cell from which on Hadamard ones serve cells matched with others."""
@@ -67,7 +68,7 @@ def resolve_family(
 def make_pattern_pairs(
     recipe: Recipe,
     how: CaptureScheme,
-    family: FamilyName,
+    family: ShownFamilyName,
     lattice: Lattice,
     *,
     p: float | None,
@@ -75,12 +76,13 @@ def make_pattern_pairs(
     watch: Watch,
     curves: Curves = UNKNOWN_CURVES,
     passes: int = 1,
+    own: OwnCodes | None = None,
 ) -> dict[str, PatternPair]:
     """Patterns of every program, as they are sent to panels with these curves; each part of a split
     photo has codes of its own.
 
-    `p` is the share of lit cells that the request names, None where it leaves that open. `watch`
-    is told of every program that is done.
+    `p` is the share of lit cells that the request names, None where it leaves that open. `own`
+    codes came with it. `watch` is told of every program that is done.
     """
     part_of = {shot.program: shot.part for shot in recipe.shots}
     patterns, slots = {}, how.coded * passes
@@ -88,9 +90,11 @@ def make_pattern_pairs(
     for name, program in recipe.programs.items():
         part = part_of.get(name, 0)
         own_seed = derive_part_seed(seed, how.parts, part)
-        bits: Bools
+        there, bits = find_code_lattice(program, lattice), np.zeros((0, 0), dtype=np.bool_)
         if not program.coded:
-            bits = np.zeros((0, 0), dtype=np.bool_)
+            pass
+        elif own is not None:
+            program = own.in_place_of(program, part, how.parts)
         elif name == "pilot":
             bits = make_pilot_codes(lattice.grid, how.pilot, seed)
         else:
@@ -98,7 +102,7 @@ def make_pattern_pairs(
             bits = _bits(program, lattice, family, count, p, own_seed)
         if part and family == "hadamard" and program.p == 0.5:
             bits = randomise_signs(bits, own_seed)
-        patterns[name] = _compiled(program, recipe, lattice, bits, curves, slots)
+        patterns[name] = _compiled(program, recipe, there, bits, curves, slots)
         watch.did(1.0)
     return patterns
 
@@ -151,7 +155,7 @@ def count_white_slots(
 def _bits(
     program: Program,
     lattice: Lattice,
-    family: FamilyName,
+    family: ShownFamilyName,
     count: int,
     p: float | None,
     seed: int,
@@ -180,7 +184,7 @@ def _bits(
 
 
 def _line_codes(
-    program: Program, lattice: Lattice, family: FamilyName, count: int, seed: int
+    program: Program, lattice: Lattice, family: ShownFamilyName, count: int, seed: int
 ) -> Bools | None:
     """Code bits (K, L) of goals of off-axis benches; None for other programs and families.
 
@@ -203,12 +207,11 @@ def _line_codes(
 def _compiled(
     program: Program, recipe: Recipe, lattice: Lattice, bits: Bools, curves: Curves, slots: int
 ) -> PatternPair:
-    """Patterns of a program over its own lattice, coded ones under the goal's illumination."""
-    own = find_code_lattice(program, lattice)
-    primal, dual = program.pairs(bits, own)
+    """Patterns of a program over a lattice, coded ones under the goal's illumination."""
+    primal, dual = program.pairs(bits, lattice)
     # A pilot looks at the whole scene: it learns paths, not the picture.
     if recipe.target.light is not None and has_code_mask(program):
-        primal = primal * extend_values(recipe.target.light, own)
+        primal = primal * extend_values(recipe.target.light, lattice)
     if program.coded:
         return prepare_codes(primal, dual, curves)
     # Exact sequences are shown over and over, for as long as codes would take.

@@ -38,7 +38,8 @@ class FieldDescription:
     of its values. option : its name there where that is not the field's own. needed_by, taken_by :
     goals that it is a parameter of; none: it is not one of goals. common : whether the form of the
     page shows it at once. one_is_both : whether one number may be typed for a pair of equal ones.
-    switched : help of the two switches of a field that takes true, false or a word.
+    switched : help of the two switches of a field that takes true, false or a word. worded : how
+    values begin that are no file, of a field that takes files.
     """
 
     group: _GroupName
@@ -49,6 +50,7 @@ class FieldDescription:
     common: bool = False
     one_is_both: bool = False
     switched: tuple[str, str] = ("", "")
+    worded: tuple[str, ...] = ()
 
 
 def describe_field(

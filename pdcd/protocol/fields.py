@@ -19,9 +19,9 @@ from msgspec import UNSET, Meta, UnsetType
 from pdcd.protocol.about import FieldDescription
 from pdcd.protocol.request import CaptureRequest, SentArray
 
-_KindName = Literal["switch", "choice", "number", "numbers", "words", "text", "array", "prior"]
+_KindName = Literal["switch", "choice", "number", "numbers", "words", "text", "array", "file"]
 """A yes or no; one of some words; a number, or one of some words in its place; as many numbers as
-there are; any words; a text; an array; a prior, which is a text or an array."""
+there are; any words; a text; an array; a file of arrays, or a text in its place."""
 
 _Bounds = Mapping[str, float]
 _S = TypeVar("_S", bound=msgspec.Struct)
@@ -70,6 +70,11 @@ class Field:
     def goals(self) -> tuple[str, ...]:
         """The goals that it is a parameter of."""
         return (*self.about.needed_by, *self.about.taken_by)
+
+    def is_file(self, value: Any) -> bool:
+        """Whether a value is a file or its name, and nothing that is said in words."""
+        words = isinstance(value, str) and value.startswith(self.about.worded)
+        return self.kind == "array" or (self.kind == "file" and not words)
 
     def refusal(self, value: Any, called: str = "") -> str:
         """Say that it does not take that value. `called` is what the user called it."""
@@ -197,7 +202,7 @@ def _field(told: msgspec.structs.FieldInfo) -> Field:
 def _kind(options: list[Any], words: tuple[str, ...]) -> _KindName:
     bare = [_bare(option)[0] for option in options]
     if SentArray in bare:
-        return "array" if any(get_origin(each) is tuple for each in bare) else "prior"
+        return "array" if any(get_origin(each) is tuple for each in bare) else "file"
     if int in bare or float in bare:
         return "number"
     if words:
@@ -316,4 +321,4 @@ def _figure(number: float) -> str:
 ARRAY_FIELDS = tuple(
     field.name for field in list_request_fields().values() if field.kind == "array"
 )
-"""Fields of a photo that are arrays; `prior` may be one."""
+"""Fields of a photo that are arrays; others may be files of several."""

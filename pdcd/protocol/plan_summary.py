@@ -6,7 +6,7 @@ from __future__ import annotations
 import msgspec
 
 from pdcd.protocol.request import Plane
-from pdcd.words import BlackLevel, BlackLevelName, FamilyName, GoalName, KeepName, MethodName
+from pdcd.words import BlackLevel, BlackLevelName, GoalName, KeepName, MethodName, ShownFamilyName
 
 
 class Goal(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,7 +42,7 @@ class CaptureScheme(msgspec.Struct, frozen=True, kw_only=True):
     parts: int = 1
     repeat: int = 1
     method: MethodName = "coded"
-    family: FamilyName | None = "hadamard"
+    family: ShownFamilyName | None = "hadamard"
     black_level: BlackLevel = "none"
     white: bool = True
     buckets: int = 1

@@ -7,7 +7,7 @@ one definition and one JSON Schema. What comes back is in `pdcd.protocol.plan_su
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeGuard, get_args
+from typing import Annotated, Literal, get_args
 
 import msgspec
 from msgspec import Meta
@@ -55,11 +55,6 @@ _Table = _Name | SentArray | NumberRows
 """Rows of numbers; the content of a file; or a name below the daemon's folder of arrays."""
 
 
-def is_prior_in_words(prior: object) -> TypeGuard[str]:
-    """Whether a prior is said in words, and is no array or name of a file."""
-    return isinstance(prior, str) and prior.startswith(("scene:", "decay:"))
-
-
 _MOST_CELLS = 65536
 """No panel has more pixels along a side; what the rig's own grid allows is less
 (`pdcd.recipes.bounds`)."""
@@ -91,6 +86,15 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         describe_field("independent pairs of codes, one for each panel", "codes", "K", common=True),
     ] = None
     family: Annotated[FamilyName | None, describe_field("how the codes are made", "codes")] = None
+    codes_from: Annotated[
+        _Name | SentArray | None,
+        describe_field(
+            "codes of your own: arrays primal and dual, codes x rows x columns each, 0 to 1",
+            "codes",
+            "FILE",
+            takes="a file (.npz)",
+        ),
+    ] = None
     p: Annotated[
         _Share | None,
         describe_field(
@@ -302,6 +306,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
             "planning",
             "PRIOR",
             takes="scene:NAME, decay:CELLS, or a file (.npz)",
+            worded=("scene:", "decay:"),
         ),
     ] = None
     smooth: Annotated[

@@ -18,12 +18,14 @@ from pdcd.protocol.request import CaptureRequest, NumberRows, SentArray
 from pdcd.recipes.goals import MATRICES, PLANE_FIELDS, Target, check_target
 
 Given = Mapping[str, Floats]
-"""Arrays by the request's field, read and finite, (rows, columns) float64."""
+"""Arrays by the request's field, read and finite, float64: (rows, columns), but for codes."""
 
 NO_ARRAYS: Given = MappingProxyType({})
 
 MOST_ELEMENTS = 6144**2
 """Numbers in the largest array that is taken; 300 MB here. Pairs of cells of 64 x 96 cells."""
+_MOST_CODE_LEVELS = 2**24
+"""Levels in both arrays of a request's own codes; 128 MiB here. 2700 codes of 48 x 64 cells."""
 _FEWEST_ELEMENTS = 2**16
 """Numbers that are read of any array, so that one of a wrong shape is refused by its shape."""
 
@@ -31,6 +33,8 @@ _FEWEST_ELEMENTS = 2**16
 def count_most_elements(name: str, grid: tuple[int, int]) -> int:
     """The most numbers that an array of this field can mean on a rig of that grid."""
     rows, columns = grid
+    if name == "codes_from":
+        return _MOST_CODE_LEVELS
     if name in PLANE_FIELDS:
         useful = rows * columns
     elif name == "kernel":

@@ -47,7 +47,7 @@ const drawn = {
     const input = el("input", { type: "file", id, accept: ".npy,.npz,.png", title: takes });
     return { input, read: () => (input.files.length ? content(input.files[0]) : undefined) };
   },
-  prior: (field) => drawn.array(field),
+  file: (field) => drawn.array(field),
   words(field) {
     const { input, read } = drawn.text(field);
     input.placeholder = "several, with spaces between";

@@ -37,7 +37,7 @@ def test_every_public_name_is_there() -> None:
 
 WIDER = {
     "plane": ArrayLike, "prior": str | Path | NDArray[Any], "out": str | Path,
-    "tags": str | Sequence[str],
+    "tags": str | Sequence[str], "codes_from": str | Path | tuple[ArrayLike, ArrayLike],
 }  # fmt: skip
 """Keywords that take more than the field: `pdcd.api.arguments` makes of it what a request has."""
 

@@ -20,7 +20,7 @@ from pdcd.protocol.fields import (
     list_request_fields,
 )
 from pdcd.protocol.plan_summary import CaptureScheme, Goal, PlanSummary, ShotSummary
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, SentArray, is_prior_in_words
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, SentArray
 from pdcd.protocol.result import (
     CaptureResult,
     Quality,
@@ -55,6 +55,7 @@ BOUNDS: dict[str, tuple[list[Any], list[Any]]] = {
     "exposure_s": ([TINY, 3600.0], [0.0, 3601.0]),
     "white_patch": ([[0.0, 1.0]], [[-0.001, 0.5], [0.5, 1.001], [0.5]]),
     "prior": ([NAME], [NAME + "x"]),
+    "codes_from": ([NAME], [NAME + "x"]),
     "tags": ([["a"] * 16, ["x" * 40]], [["a"] * 17, ["x" * 41], [""], ["a\n"], ["-a"]]),
     "name": (["x" * 80, "a (b), c"], ["x" * 81, "a/b", " a", "a ", "a\n", ""]),
     "note": (
@@ -225,8 +226,10 @@ def test_how_photos_are_taken_unless_said() -> None:
 
 
 def test_priors_in_words_are_no_files() -> None:
-    assert is_prior_in_words("scene:corner") and is_prior_in_words("decay:4")
-    assert not any(map(is_prior_in_words, ("corner.npz", " scene:corner", SentArray(fd=0), None)))
+    prior, own = (list_request_fields()[name] for name in ("prior", "codes_from"))
+    assert not prior.is_file("scene:corner") and not prior.is_file("decay:4")
+    assert all(map(prior.is_file, ("corner.npz", " scene:corner", SentArray(fd=0))))
+    assert own.is_file("scene:corner")
 
 
 def test_figures_of_a_summary() -> None:

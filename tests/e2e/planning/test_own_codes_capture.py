@@ -1,0 +1,40 @@
+"""Own codes through the whole chain: a family's codes in a file give its photo, byte for byte."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pdcd
+from pdcd.codes.make import make_codes
+from pdcd.runs.verify import verify_run
+from tests.bench_rig import GRID, config
+from tests.e2e.api.test_connected import daemon
+
+COUNT = 16
+
+
+def test_a_family_in_a_file_gives_the_same_probe(tmp_path: Path) -> None:
+    made = make_codes("bernoulli", GRID, COUNT, dual="complement", seed=3)
+    pair = tuple(side.reshape(COUNT, *GRID) for side in (made.primal, made.dual))
+    np.savez(tmp_path / "own.npz", primal=pair[0], dual=pair[1])
+    usual: Any = {"seed": 3, "parts": 1, "pilot": 0, "window": "whole", "progress": False}
+    ways: list[Any] = [{"family": "bernoulli", "codes": COUNT},
+                       {"codes_from": tmp_path / "own.npz"}, {"codes_from": pair}]  # fmt: skip
+    folders = []
+    for number, way in enumerate(ways):
+        rig = config(tmp_path)
+        there = daemon(rig, tmp_path / "s") if number else pdcd.local(rig)
+        with there as bench:
+            run = bench.capture("indirect", **usual, **way)
+        folders.append(run.folder)
+    family, *own = folders
+    for folder in own:
+        for file in [family / "probe.npz", *family.glob("linear/*")]:
+            assert file.read_bytes() == (folder / file.relative_to(family)).read_bytes(), file.name
+        assert verify_run(folder).whole
+    told = json.loads((own[0] / "capture.json").read_text())["request"]["codes_from"]
+    assert told["file"] == "own.npz"
