@@ -112,7 +112,10 @@ class GenicamCamera:
         """The camera of this rig; made by the first driver that asks."""
 
         def make() -> GenicamCamera:
-            options = read_genicam_options(context.config)
+            config = context.config
+            options = read_genicam_options(config)
+            if "genicam" in (config.camera.driver, config.trigger.driver):
+                context.require_real_time("camera", "camera")
             return cls(options, *list_camera_parts(context))
 
         return context.the(cls, make)

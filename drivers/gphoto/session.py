@@ -22,7 +22,6 @@ import msgspec
 
 from pdcd.driver import (
     Clock,
-    Config,
     ConfigError,
     DeviceLost,
     DriverContext,
@@ -103,9 +102,7 @@ class GphotoSession:
     @classmethod
     def of(cls, context: DriverContext) -> GphotoSession:
         """The session of this rig. Raises ConfigError for wrong options."""
-        return context.the(
-            cls, lambda: cls(_options(context.config), context.clock, context.patience)
-        )
+        return context.the(cls, lambda: cls(_options(context), context.clock, context.patience))
 
     def open(self, user: str) -> None:
         """Find and open the camera. Raises DeviceLost."""
@@ -323,7 +320,9 @@ def _standard_input_kept() -> Iterator[None]:
         os.close(kept)
 
 
-def _options(config: Config) -> GphotoOptions:
+def _options(context: DriverContext) -> GphotoOptions:
+    context.require_real_time("camera", "camera")
+    config = context.config
     by_camera = config.camera.driver == "gphoto2"
     options = read_options(
         config.camera.options if by_camera else config.trigger.options,
@@ -332,10 +331,4 @@ def _options(config: Config) -> GphotoOptions:
         device="camera",
         hint="docs/cameras.md lists the options of the driver gphoto2",
     )
-    if config.rig.clock != "real":
-        raise ConfigError(
-            "a real camera cannot keep up with a virtual clock",
-            device="camera",
-            hint="set rig.clock = 'real'",
-        )
     return options

@@ -111,6 +111,8 @@ class EosCamera(Told):
         def make() -> EosCamera:
             options = read_ptp_options(context.config)
             backend = context.usb_backend(options.usb)
+            if backend is None:
+                context.require_real_time("camera", "camera")
             longest_s = context.config.limits.max_exposure_s
             most_b = MOST_PHOTO_B
             if context.config.camera.driver == "ptp" and not options.in_process:

@@ -15,7 +15,6 @@ from contextlib import suppress
 from pdcd.driver import (
     Clock,
     Config,
-    ConfigError,
     DeviceLost,
     DriverContext,
     ExposureError,
@@ -70,12 +69,8 @@ class SerialShutter:
         """Check the options; the port is opened by `connect`."""
         config = context.config
         options = read_serial_options(config.trigger)
-        if config.rig.clock == "virtual" and "://" not in options.port:
-            raise ConfigError(
-                "a real port cannot keep up with a virtual clock",
-                device="shutter",
-                hint="set rig.clock = 'real'",
-            )
+        if "://" not in options.port:
+            context.require_real_time("port", "shutter")
         return cls(options, config, context.clock, context.patience)
 
     def look(self) -> Iterator[Finding]:

@@ -37,6 +37,8 @@ refresh in half a minute at the fastest, which the black frames around every cod
 
 _LONGEST_S = 60.0
 """Longest lag or response of a device: what is more was meant in another unit."""
+_SLOWEST_S = 1.0
+"""A panel that takes so long to answer shows no code: dozens of refreshes pass meanwhile."""
 _RATES_HZ = 1e-3, 1e6
 _APERTURES = 1e-2, 1e4
 """Between these lie all refresh rates and all f-numbers; beyond, arithmetic fails."""
@@ -166,6 +168,14 @@ def _size_faults(config: Config) -> Iterator[ConfigFault]:
                 yield ConfigFault(
                     (f"{name}.{key}",),
                     f"{name}.{key}: {value:g} is more than {_LONGEST_S:g} seconds, the unit of it",
+                )
+        for key in ("rise_s", "fall_s"):
+            value = getattr(table, key, 0.0)
+            if _SLOWEST_S < value <= _LONGEST_S:
+                yield ConfigFault(
+                    (f"{name}.{key}",),
+                    f"{name}.{key}: {value:g} seconds is too slow to show a code; of milliseconds "
+                    f"write {value / 1000.0:g}",
                 )
     numbers = {
         "projector.refresh_hz": (config.projector.refresh_hz, _RATES_HZ),

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from pdcd.bench.patience import Patience
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
-from pdcd.errors import PdcdError
+from pdcd.errors import ConfigError, PdcdError
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.pixels import ShownPictures
 
@@ -398,6 +398,18 @@ class DriverContext:
     def patience(self) -> Patience:
         """What each loop that waits for a device asks: sign of life, cancel and deadline in one."""
         return self.the(Patience, lambda: Patience(self.clock, self.alive, self.cancelled))
+
+    def require_real_time(self, what: str, device: str) -> None:
+        """For drivers of real devices: raise ConfigError where the rig's clock is a virtual one.
+
+        what : the device in words, such as "camera". device : the role that the error names.
+        """
+        if self.config.rig.clock != "real":
+            raise ConfigError(
+                f"a real {what} cannot keep up with a virtual clock",
+                device=device,
+                hint='set rig.clock = "real"',
+            )
 
     def usb_backend(self, name: str = _LIBUSB) -> object | None:
         """The pyusb backend that all devices of this rig are on; None is the machine's libusb.

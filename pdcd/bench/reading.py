@@ -9,7 +9,6 @@ file.
 from __future__ import annotations
 
 import datetime
-import difflib
 import json
 import math
 import re
@@ -25,6 +24,7 @@ from msgspec.structs import FieldInfo
 from pdcd.errors import ConfigError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import read_file
+from pdcd.meant import suggest_number, suggest_pair, suggest_word
 from pdcd.printable import to_one_line
 
 if TYPE_CHECKING:
@@ -77,7 +77,9 @@ def parse_toml(text: str, called: Path | str) -> dict[str, Any]:
     except RecursionError as err:
         raise ConfigError(f"{called} is nested too deeply") from err
     except ValueError as err:  # not TOML, or a number of thousands of digits
-        raise ConfigError(f"{called} is not TOML: {err}") from err
+        raise ConfigError(
+            f"{called} is not TOML: {err}", hint="pdcd config show prints the form of a whole file"
+        ) from err
 
 
 def check_integers(table: dict[str, Any], called: Path | str) -> dict[str, Any]:
@@ -221,8 +223,8 @@ def _wrong(faults: list[str], table: str, device: str, hint: str) -> ConfigError
 
 def describe_unknown_key(name: str, key: str, known: Collection[str]) -> str:
     """Say that a table has no such key, and which is probably meant. `name` is its dotted name."""
-    close = difflib.get_close_matches(key, known, n=1)
-    advice = f"; is {close[0]} meant?" if close else f"; known are {', '.join(known)}"
+    close = suggest_word(key, known)
+    advice = f"; is {close} meant?" if close else f"; known are {', '.join(known)}"
     return f"{name}: no such key{advice}"
 
 
@@ -231,7 +233,8 @@ def _convert_field(value: Any, field: FieldInfo, name: str) -> Any:
     try:
         return msgspec.convert(value, type=field.type, strict=True)
     except msgspec.ValidationError as err:
-        raise ValueError(_type_fault(name, str(err), field.type)) from err
+        fault = _type_fault(name, str(err), field.type)
+        raise ValueError(fault + _suggest_value(field.name, value, str(err), field.type)) from err
 
 
 def _type_fault(name: str, message: str, kind: Any) -> str:
@@ -243,6 +246,22 @@ def _type_fault(name: str, message: str, kind: Any) -> str:
         what = f"{what}; allowed are {', '.join(values + number)}"
     what = what[0].lower() + what[1:].replace("`", "")
     return f"{name}{place.rstrip('`').replace('[...]', '')}: {what}"
+
+
+def _suggest_value(key: str, value: Any, message: str, kind: Any) -> str:
+    """What to write in the place of a text that was to be a number, two of them, or a word."""
+    if not isinstance(value, str):
+        return ""
+    wanted = message.partition(", got")[0]
+    better: str | None = None
+    if message.startswith("Invalid enum value"):
+        word = suggest_word(value, re.findall(r"'([^']*)'", str(kind)))
+        better = _string(word) if word else None
+    elif "array" in wanted and (pair := suggest_pair(value)):
+        better = f"[{', '.join(pair)}]"
+    elif "int" in wanted or "float" in wanted:
+        better = suggest_number(value, whole="float" not in wanted)
+    return f"; write {key} = {better}" if better else ""
 
 
 TOML_TIME_TYPES = (datetime.datetime, datetime.date, datetime.time)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
+from pdcd.cli.refusing import CommandParser
 from pdcd.cli.typed import COMMANDS, SHARED, WHEN, parse_share
 from pdcd.version import __version__
 from pdcd.words import GoalName, MovingName, PatternName, StepName
@@ -76,7 +77,7 @@ def build_parser(typed: Sequence[str] | None = None) -> argparse.ArgumentParser:
     typed : the words that it is for: commands that are none of them go without options, whose
     imports take time. None: all have theirs.
     """
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="pdcd",
         description="Photograph chosen light paths: a projector, an LCD mask and a camera.",
         epilog=EXIT_CODES,
@@ -86,17 +87,6 @@ def build_parser(typed: Sequence[str] | None = None) -> argparse.ArgumentParser:
     parser.set_defaults(json=False)
     _add_commands(parser, _rows_of(COMMANDS), "command", typed, required=True)
     return parser
-
-
-class _CommandParser(argparse.ArgumentParser):
-    """The parser of a command."""
-
-    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
-        """Values of an option, as their type has them. argparse takes "--" out of them as if it
-        stood by itself: of `--out=--` an empty list would be left, whatever the option's type."""
-        if action.option_strings and "--" in arg_strings:
-            raise argparse.ArgumentError(action, "expected a value, not --")
-        return super()._get_values(action, arg_strings)
 
 
 def _add_commands(
@@ -109,7 +99,7 @@ def _add_commands(
 ) -> None:
     """Add commands of one word, each with its options and those of two words that begin with it."""
     below = parser.add_subparsers(
-        parser_class=_CommandParser, dest=dest, required=required, metavar="COMMAND"
+        parser_class=CommandParser, dest=dest, required=required, metavar="COMMAND"
     )
     for row in rows:
         name, _, more = row.first.partition(" ")

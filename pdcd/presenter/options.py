@@ -50,6 +50,13 @@ class X11Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     stall_exposures: Annotated[int, Meta(ge=0)] = 0
     """Fault injection: how many exposures have these stalls, from the first on; 0 is all."""
 
+    def __post_init__(self) -> None:
+        """Refuse one output for both panels, where it is not parted by `positions_px`."""
+        if self.projector == self.mask and self.positions_px is None:
+            raise ValueError(
+                f'mask: "{self.mask}" is the projector\'s output, too; name the one of the mask'
+            )
+
 
 def read_x11_options(config: Config) -> X11Options:
     """[display.options] of the driver x11. Raises ConfigError."""

@@ -77,10 +77,14 @@ class Field:
         return self.kind == "array" or (self.kind == "file" and not words)
 
     def refusal(self, value: Any, called: str = "") -> str:
-        """Say that it does not take that value. `called` is what the user called it."""
+        """Say that it does not take that value. `called` is the option that it was given by."""
         shown = "" if self.kind in ("text", "words") else _shown(value)
         takes = f"1 or {self.takes}" if called and self.about.one_is_both else self.takes
-        return f"{called or self.name}: it takes {takes}" + f", not {shown}" * bool(shown)
+        told = f"{called} takes" if called else f"{self.name}: it takes"
+        percent = ""
+        if called and self.share and isinstance(value, float) and 1.0 <= value < 100.0:
+            percent = f" (type {called} {value:g}% for {value / 100.0:g})"
+        return f"{told} {takes}" + f", not {shown}" * bool(shown) + percent
 
     @functools.cached_property
     def decoder(self) -> msgspec.json.Decoder[Any]:

@@ -13,7 +13,12 @@ import numpy as np
 
 from pdcd.arrays import Floats
 from pdcd.errors import RequestError
-from pdcd.protocol.fields import ARRAY_FIELDS, list_needed_fields, list_optional_fields
+from pdcd.protocol.fields import (
+    ARRAY_FIELDS,
+    list_needed_fields,
+    list_optional_fields,
+    list_request_fields,
+)
 from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.bounds import WEIGHTS, check_bounds
 from pdcd.recipes.partners import Partner, check_depths, describe_partners
@@ -97,7 +102,11 @@ def check_target(target: Target) -> Target:
     takes = (*needs, *list_optional_fields(goal.name))
     missing, spare = sorted({*needs} - given), sorted(given - {*takes})
     if missing:
-        raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")
+        takes = list_request_fields()[missing[0]].takes
+        raise RequestError(
+            f"goal {goal.name} needs {', '.join(missing)}",
+            hint=f"give {missing[0]}, which takes {takes}",
+        )
     if spare:
         raise RequestError(
             f"goal {goal.name} takes no {', '.join(spare)}",

@@ -8,6 +8,7 @@ folder is never trusted: see `pdcd.files.inside`.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping
 from errno import ELOOP, ENOTDIR
@@ -23,6 +24,7 @@ from pdcd.files.inside import (
     list_folder,
     open_folder,
     open_inner_file,
+    path_of,
     read_inner_file,
 )
 from pdcd.files.reading import hash_open_file
@@ -46,6 +48,8 @@ _NEEDED = (CODES, FRAMES, PROBE, LOG)
 """Files that every run has, beside the RAW files of its shots."""
 MAX_FINDINGS, MAX_WORDS = 1000, 300
 """Most findings that are told of one folder, and most letters of each."""
+_MOST_LOOKED = 10_000
+"""Names of a folder among which a run is looked for."""
 MAX_CELLS = 2**24
 """Most code cells of a run: more than any panel has pixels."""
 
@@ -134,6 +138,8 @@ def _manifest(
     found = [finding for finding in check.found if finding.what not in allowed]
     if check.read is None or found:
         first = found[0]
+        if check.read is None and first.what in ("missing", "unreadable"):
+            raise _make_absent_error(folder)
         more = f", and {len(found) - 1} more" if len(found) > 1 else ""
         raise DecodeError(
             f"{to_one_line(str(folder))} is not a whole and unchanged run: {first.path}: "
@@ -141,6 +147,38 @@ def _manifest(
             hint="see pdcd verify; restore it from a copy",
         )
     return check.read
+
+
+def _make_absent_error(folder: Path) -> DecodeError:
+    """The error of a folder that holds no manifest, or is none."""
+    called = to_one_line(str(folder))
+    if folder.is_file():
+        return DecodeError(
+            f"{called} is a file, no run folder", hint="name the folder that it lies in"
+        )
+    if not folder.exists():
+        return DecodeError(f"there is no folder {called}", hint="see pdcd runs for those there are")
+    inside = find_inner_run(folder)
+    if inside is not None:
+        return DecodeError(
+            f"{called} holds runs and is none itself",
+            hint=f"name one of them, such as {to_one_line(str(folder / inside))}",
+        )
+    return DecodeError(
+        f"{called} is no finished run: it has no {MANIFEST} that can be read",
+        hint="see pdcd runs for those there are; pdcd decode --partial makes what it can of an "
+        "interrupted one",
+    )
+
+
+def find_inner_run(folder: Path) -> str | None:
+    """Name of the last run, by name, that lies in a folder; None where none does."""
+    try:
+        with os.scandir(folder) as listed:
+            names = sorted((e.name for e in itertools.islice(listed, _MOST_LOOKED)), reverse=True)
+        return next((name for name in names if (folder / name / MANIFEST).is_file()), None)
+    except (OSError, ValueError):
+        return None
 
 
 class FolderCheck:
@@ -189,7 +227,9 @@ class FolderCheck:
         try:
             data = read_inner_file(folder, name, self.most_bytes)
         except FileNotFoundError:
-            self.find(name, "missing", self.none)
+            inside = find_inner_run(path_of(folder))
+            such = f"; this folder holds runs, such as {inside}" if inside else ""
+            self.find(name, "missing", self.none + such)
             return
         except (OSError, DecodeError) as err:
             self.find(name, _what(err), _words(err))

@@ -41,7 +41,10 @@ def test_what_is_left_out_has_its_default() -> None:
         ({}, "port: must be given"),
         ({"port": "p", "baud": "fast"}, "baud: expected int, got str"),
         ({"port": "p", "baud": 1}, "baud: expected int >= 50"),
-        ({"port": "p", "line": "cts"}, "line: invalid enum value 'cts'; allowed are rts, dtr"),
+        (
+            {"port": "p", "line": "cts"},
+            "line: invalid enum value 'cts'; allowed are rts, dtr; write line = \"rts\"",
+        ),
         ({"port": "p", "places": {"a": [1, "b"]}}, "places[1]: expected int, got str"),
         ({"port": "rts"}, "port and line must differ"),
     ],
@@ -58,6 +61,7 @@ def test_all_faults_are_told_at_once() -> None:
         read(bauds=1, line="cts")
     assert caught.value.message.splitlines() == [
         "[trigger.options] bauds: no such key; is baud meant?",
-        "  [trigger.options] line: invalid enum value 'cts'; allowed are rts, dtr",
+        "  [trigger.options] line: invalid enum value 'cts'; allowed are rts, dtr; "
+        'write line = "rts"',
         "  [trigger.options] port: must be given",
     ]

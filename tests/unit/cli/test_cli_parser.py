@@ -62,14 +62,14 @@ def test_two_dashes_are_the_value_of_no_option(capsys: pytest.CaptureFixture[str
                 said = " ".join(capsys.readouterr().err.split())
                 assert end.value.code == 2, (name, option)
                 # Of several values it is too few.
-                assert f"{'/'.join(action.option_strings)}: expected " in said, said
+                assert f"{'/'.join(action.option_strings)} takes " in said, said
 
 
 NOTHING: dict[str, Any] = dict.fromkeys(
     """config socket codes pilot smooth grey_masks parts until_error error confidence seconds prior
-    shift radius mix period disparity plane keep rows illumination warp warp_b region_a region_b
-    disparities kernel matrix family p exposure_s window guards black_level normalise white_patch
-    name tags out""".split()
+    codes_from shift radius mix period disparity plane keep rows illumination warp warp_b region_a
+    region_b disparities kernel matrix family p exposure_s window guards black_level normalise
+    white_patch name tags out""".split()
 )
 USUAL = {
     **NOTHING, "local": False, "repeat": 1, "masked": None, "equal_brightness": False, "seed": 0,

@@ -19,20 +19,20 @@ USAGE = (
 
 REFUSED = {
     # Fields of a request, in the words of its bounds.
-    "capture indirect --codes 0": "--codes: it takes a whole number from 1 to 65536, not 0",
-    "capture indirect --codes 70000": "--codes: it takes a whole number from 1 to 65536, not 70000",
-    "capture indirect --p 1": "--p: it takes a number over 0 and below 1, not 1.0",
-    "capture indirect --p nan": "--p: it takes a number over 0 and below 1, not NaN",
+    "capture indirect --codes 0": "--codes takes a whole number from 1 to 65536, not 0",
+    "capture indirect --codes 70000": "--codes takes a whole number from 1 to 65536, not 70000",
+    "capture indirect --p 1": "--p takes a number over 0 and below 1, not 1.0",
+    "capture indirect --p nan": "--p takes a number over 0 and below 1, not NaN",
     "capture indirect --white-patch 0.5 1.01":
-        "--white-patch: it takes 2 numbers from 0 to 1, not [0.5, 1.01]",
-    "capture indirect --white-patch nan 0": "--white-patch: it takes 2 numbers from 0 to 1",
-    "capture indirect --exposure 0": "--exposure: it takes a number over 0 and up to 3600, not 0.0",
-    "capture indirect --exposure inf": "--exposure: it takes a number over 0 and up to 3600",
+        "--white-patch takes 2 numbers from 0 to 1, not [0.5, 1.01]",
+    "capture indirect --white-patch nan 0": "--white-patch takes 2 numbers from 0 to 1",
+    "capture indirect --exposure 0": "--exposure takes a number over 0 and up to 3600, not 0.0",
+    "capture indirect --exposure inf": "--exposure takes a number over 0 and up to 3600",
     "capture indirect --disparity 1 2 3":
-        "--disparity: it takes 1 or 2 whole numbers from -65536 to 65536",
+        "--disparity takes 1 or 2 whole numbers from -65536 to 65536",
     "capture indirect --disparity 70000":
-        "--disparity: it takes 1 or 2 whole numbers from -65536 to 65536",
-    "capture indirect --seed -1": "--seed: it takes a whole number from 0 to 9007199254740991",
+        "--disparity takes 1 or 2 whole numbers from -65536 to 65536",
+    "capture indirect --seed -1": "--seed takes a whole number from 0 to 9007199254740991",
     "transport --rows 1 2 3": "--rows",
     # Options that do not go together.
     "capture indirect --local --detach": "--local goes without --detach",

@@ -203,7 +203,7 @@ def test_labels_are_typed_with_a_capture_and_refused_where_they_cannot_be(
     ):  # fmt: skip
         assert main(["capture", "white", f"{option}={text}", "--json"]) == 2
         error = last_object(capsys.readouterr().out)["error"]
-        assert "it takes" in error["message"], (option, text)
+        assert f"{option} takes" in error["message"], (option, text)
 
 
 def test_a_moment_is_a_date_or_how_long_ago() -> None:

@@ -16,7 +16,7 @@ from drivers.genicam.frames import FrameReceiver
 from drivers.genicam.pixels import BY_NAME
 from drivers.virtual_genicam.camera import CameraFaults, VirtualExposure
 from pdcd.bench.clock import RealClock, VirtualClock
-from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
+from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
 from pdcd.driver import (
     CameraSettings,
     Cancelled,
@@ -352,6 +352,7 @@ def test_the_doctor_says_what_was_found_and_exposes_nothing(
 ) -> None:
     monkeypatch.setattr("drivers.genicam.doctor._RMEM", Path("/dev/null"))
     config = Config(
+        rig=RigConfig(clock="real"),
         camera=CameraConfig(driver="genicam", options={"camera": "V1"}),
         trigger=TriggerConfig(driver="genicam"),
     )

@@ -13,7 +13,7 @@ from drivers.genicam.device import find_camera
 from drivers.genicam.options import read_genicam_options
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.registry import describe_drivers, load_driver
-from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
+from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
 from pdcd.driver import ConfigError, DeviceLost, DriverContext, DriverUnavailable
 from tests.genicam_rig import needs_aravis
 
@@ -27,6 +27,7 @@ def context(
     beside: dict[str, Any] | None = None,
 ) -> DriverContext:
     config = Config(
+        rig=RigConfig(clock="real"),
         camera=CameraConfig(driver=camera, options=options or {}),
         trigger=TriggerConfig(driver=trigger, options=beside or {}),
     )

@@ -16,7 +16,7 @@ from drivers.ptp.faults import TransactionMismatch
 from drivers.ptp.transport import TransactionReply
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
-from pdcd.bench.tables import Config, LimitsConfig
+from pdcd.bench.tables import Config, LimitsConfig, RigConfig
 from pdcd.errors import ExposureError
 from tests.ptp_rig import SETTINGS, Calls, PtpRig, answer
 
@@ -209,7 +209,7 @@ def test_an_exposure_that_was_told_of_is_ended_by_its_own_time(rig: PtpRig) -> N
 
 def test_exposures_without_a_longest_one_are_not_overdue_after_a_day() -> None:
     longest = LimitsConfig(max_exposure_s=float("inf"))
-    context = DriverContext(Config(limits=longest), VirtualClock())
+    context = DriverContext(Config(rig=RigConfig(clock="real"), limits=longest), VirtualClock())
     camera = EosCamera.of(context)
     camera.bulb.since_ns = context.clock.now_ns()
     context.clock.sleep_until_ns(10**14)

@@ -1,0 +1,160 @@
+"""How the command line refuses what was typed: two lines, with the option and what to type.
+
+argparse knows what is wrong; here it is said in the words of whoever typed it. All that overrides
+it is in this file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NoReturn
+
+from pdcd.meant import suggest_number, suggest_pair, suggest_word
+from pdcd.printable import to_one_line
+
+_PLAIN = {
+    "int": "a whole number",
+    "float": "a number",
+    "parse_share": "a share, such as 0.01 or 1%",
+}
+"""What a type takes that has no words of its own."""
+
+
+class CommandParser(argparse.ArgumentParser):
+    """The parser of the program or of a command."""
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse does; what nobody knows is refused by the command that it was typed for."""
+        found, left = self.parse_known_args(args, namespace)
+        if left:
+            _find_command(self, found)._refuse_words(left)  # noqa: SLF001
+        return found
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse does, but an option that is not known is refused first: what follows it
+        would be taken for something else."""
+        if not any(isinstance(a, argparse._SubParsersAction) for a in self._actions):  # noqa: SLF001
+            for word in _list_options(args or ()):
+                if word not in self._option_string_actions:
+                    self._refuse_words([word])
+        return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong below how the command is used, and exit with code 2."""
+        text = re.sub(r"^(\S+): it takes", r"\1 takes", message.removeprefix("argument "))
+        missing = re.fullmatch(r"the following arguments are required: (.*)", text)
+        if missing is not None:
+            text = self._describe_missing(missing[1])
+        elif "(" not in text:
+            text += f" (type {self.prog} --help)"
+        self.exit(2, f"{self._shorten_usage()}\n{self.prog}: {to_one_line(text)}\n")
+
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        """Values of an option, as their type has them. argparse takes "--" out of them as if it
+        stood by itself: of `--out=--` an empty list would be left, whatever the option's type."""
+        if action.option_strings and "--" in arg_strings:
+            raise argparse.ArgumentError(
+                action, f"it takes a value, not -- (type {_say_form(action)})"
+            )
+        return super()._get_values(action, arg_strings)
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """One value, or what to type in its place."""
+        try:
+            return super()._get_value(action, arg_string)
+        except argparse.ArgumentError as err:
+            name = getattr(action.type, "__name__", "a value")
+            takes = _PLAIN.get(name, name)
+            pair = suggest_pair(arg_string) if action.nargs is not None else None
+            better = " ".join(pair) if pair else suggest_number(arg_string, whole="whole" in takes)
+            form = f"{_call(action)} {better}" if better else _say_form(action)
+            raise argparse.ArgumentError(
+                action, f"it takes {takes}, not {arg_string!r} (type {form})"
+            ) from err
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a word that is none of those there are, with the nearest of them."""
+        if action.choices is not None and value not in action.choices:
+            words = list(map(str, action.choices))
+            listed = suggest_word(str(value), words) or f"one of {', '.join(words)}"
+            raise argparse.ArgumentError(action, f"there is no {str(value)!r} (type {listed})")
+
+    def _match_argument(self, action: argparse.Action, arg_strings_pattern: str) -> int:
+        """How many words an option takes of those that follow."""
+        try:
+            return super()._match_argument(action, arg_strings_pattern)
+        except argparse.ArgumentError as err:
+            if not action.option_strings:
+                raise
+            count = action.nargs if isinstance(action.nargs, int) else 1
+            what = "it takes a value" if count == 1 else f"it takes {count} values, with spaces"
+            raise argparse.ArgumentError(action, f"{what} (type {_say_form(action)})") from err
+
+    def _refuse_words(self, words: Sequence[str]) -> NoReturn:
+        """Refuse words that belong nowhere; of an option, with the nearest there is."""
+        word = words[0].partition("=")[0]
+        if word == "%":
+            self.error("'%' stands alone (type it behind its number without a space, such as 5%)")
+        if not word.startswith("-"):
+            self.error(f"{words[0]!r} is one word too many (type {self.prog} --help)")
+        near = suggest_word(f"--{word.lstrip('-')}", self._option_string_actions)
+        listed = near or f"{self.prog} --help"
+        self.error(f"there is no {word} (type {listed})")
+
+    def _describe_missing(self, names: str) -> str:
+        """Say what was left out, and how it is typed."""
+        for action in self._actions:
+            called = argparse._get_action_name(action)  # noqa: SLF001
+            if called and called in names.split(", "):
+                if action.choices is not None and not action.option_strings:
+                    form = f"one of {', '.join(map(str, action.choices))}"
+                else:
+                    form = _say_form(action)
+                    form = form if action.option_strings else f"{self.prog} {form}"
+                return f"{called} is missing (type {form})"
+        return f"{names} is missing (type {self.prog} --help)"
+
+    def _shorten_usage(self) -> str:
+        """How the command is used, in one line."""
+        whole = self.format_usage().strip().splitlines()
+        if len(whole) == 1 or self.usage is not None:
+            return whole[0]
+        places = [_say_form(a) for a in self._actions if not a.option_strings]
+        return " ".join(["usage:", self.prog, "[OPTIONS]", *places])
+
+
+def _list_options(words: Iterable[str]) -> Iterator[str]:
+    """Names of long options among what was typed."""
+    for word in words:
+        if word == "--":
+            return
+        if re.match(r"--[A-Za-z]", word):
+            yield word.partition("=")[0]
+
+
+def _find_command(parser: CommandParser, found: argparse.Namespace) -> CommandParser:
+    """The parser of the command that was typed."""
+    for action in parser._actions:  # noqa: SLF001
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+            name = getattr(found, action.dest, None)
+            if name is not None:
+                return _find_command(action.choices[name], found)
+    return parser
+
+
+def _call(action: argparse.Action) -> str:
+    """What is typed before the values of an option."""
+    return action.option_strings[-1] if action.option_strings else ""
+
+
+def _say_form(action: argparse.Action) -> str:
+    """How an option or an argument is typed, with words that stand for its values."""
+    if isinstance(action.metavar, tuple):
+        values = " ".join(action.metavar)
+    elif action.choices is not None and not isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+        values = action.metavar or "{" + ",".join(map(str, action.choices)) + "}"
+    else:
+        values = action.metavar or action.dest.upper()
+    return f"{_call(action)} {values}".strip()

@@ -1,0 +1,47 @@
+"""What was probably meant by something that cannot be taken: numbers and words, for refusals."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable
+
+_PER_UNIT = {"ms": 0.001, "s": 1.0, "sec": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
+_PAIR = re.compile(r"\s*(\d+)\s*[x,;* -]\s*(\d+)\s*")
+
+
+def suggest_word(text: str, words: Iterable[str]) -> str:
+    """The one of some words that is nearest to a text; "" where none is near."""
+    near = difflib.get_close_matches(text, list(words), n=1)
+    return near[0] if near else ""
+
+
+def suggest_pair(text: str) -> tuple[str, str] | None:
+    """The two whole numbers of a text such as "1920x1080"."""
+    match = _PAIR.fullmatch(text)
+    return None if match is None else (match[1], match[2])
+
+
+def suggest_number(text: str, *, whole: bool = False) -> str:
+    """A number that was probably meant, in plain digits; "" where none can be told.
+
+    Units of time become seconds, fractions and percentages numbers, and commas points. `whole` :
+    whether only whole numbers are taken.
+    """
+    shown, found = text.strip().lower(), None
+    if match := re.fullmatch(rf"({_NUMBER})\s*({'|'.join(_PER_UNIT)})", shown):
+        found = float(match[1]) * _PER_UNIT[match[2]]
+    elif (match := re.fullmatch(rf"({_NUMBER})/({_NUMBER})", shown)) and float(match[2]):
+        found = float(match[1]) / float(match[2])
+    elif match := re.fullmatch(rf"({_NUMBER})\s*%+", shown):
+        found = float(match[1]) / 100.0
+    elif whole and re.fullmatch(r"\d{1,3}(,\d{3})+", shown):
+        found = float(shown.replace(",", ""))
+    elif re.fullmatch(r"[+-]?\d*,\d+", shown):
+        found = float(shown.replace(",", "."))
+    elif re.fullmatch(rf"{_NUMBER}(e[+-]?\d)?", shown):
+        found = float(shown)
+    if found is None or (whole and not found.is_integer()):
+        return ""
+    return f"{int(found)}" if whole else f"{found:.6g}"
