@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import struct
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -116,6 +117,12 @@ class Client:
         with contextlib.suppress(OSError):  # not connected, or no more
             self._sock.shutdown(socket.SHUT_RDWR)
         self._sock.close()
+
+    @property
+    def daemon_pid(self) -> int:
+        """The process that listens at the other end."""
+        told = self._sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+        return int(struct.unpack("3i", told)[0])
 
     def call(
         self,

@@ -100,7 +100,10 @@ def _there(
     args: argparse.Namespace, request: CalibrateRequest, hear: EventHandler
 ) -> CaptureResult:
     """With the daemon's rig."""
-    with send_signals_to(signal.default_int_handler), connect_daemon(args) as client:
+    with (
+        send_signals_to(signal.default_int_handler),
+        connect_daemon(args, drives=True) as client,
+    ):
         return client.calibrate(request, queue=args.queue, on_event=hear, answer=_asker(_never))
 
 

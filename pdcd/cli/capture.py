@@ -47,7 +47,7 @@ def capture_photo(
     with (
         send_signals_to(signal.default_int_handler),
         show_bar() as on_event,
-        connect_daemon(args) as client,
+        connect_daemon(args, drives=True) as client,
     ):
         return client.capture(request, arrays=files, detach=detach, queue=queue, on_event=on_event)
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import argparse
 import subprocess
-import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from pdcd.api.progress import show_bar, tell_user
 from pdcd.cli.output import say, say_result
-from pdcd.client import Client, UnreachableError
+from pdcd.cli.starting import SERVE, connect_started
+from pdcd.client import Client
 from pdcd.pages.report import write_report
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import REPORT_FILE
@@ -56,25 +55,10 @@ def run_demo(args: argparse.Namespace) -> int:
 @contextmanager
 def _daemon(socket: Path, state: Path, config: Path, log: Path) -> Iterator[Client]:
     """A client of a daemon of its own, which is stopped in the end."""
-    command = [sys.executable, "-P", "-m", "pdcd", "serve"]
-    command += ["--config", str(config), "--socket", str(socket), "--state-dir", str(state)]
+    command = [*SERVE, "--config", str(config), "--socket", str(socket), "--state-dir", str(state)]
     with log.open("wb") as out, subprocess.Popen(command, stderr=out) as process:
         try:
-            with _connect(socket, process, log) as client:
+            with connect_started(socket, process, log, _START_S) as client:
                 yield client
         finally:
             process.terminate()
-
-
-def _connect(socket: Path, process: subprocess.Popen[bytes], log: Path) -> Client:
-    """Wait for the daemon to answer. Raises Unreachable with its log when it does not."""
-    give_up_s = time.monotonic() + _START_S
-    while True:
-        try:
-            return Client(socket)
-        except UnreachableError:
-            if process.poll() is not None or time.monotonic() > give_up_s:
-                for line in log.read_text().split("\n"):
-                    tell_user(line)
-                raise
-        time.sleep(0.02)

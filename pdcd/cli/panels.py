@@ -41,7 +41,7 @@ def show_pattern(args: argparse.Namespace) -> int:
     are its own, else in this process."""
     if args.seconds is not None and not 0.0 <= args.seconds <= _MOST_S:
         raise ConfigError(f"--seconds {args.seconds:g} is not between 0 and {_MOST_S:g}")
-    client = find_daemon(args, needed=args.detach)
+    client = find_daemon(args, needed=args.detach, drives=True)
     if client is None:
         return _show_here(args)
     with client:

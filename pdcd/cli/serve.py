@@ -12,7 +12,11 @@ from pdcd.child import Child
 
 
 def serve(args: argparse.Namespace) -> int:
-    """Run the daemon until SIGTERM or SIGINT."""
+    """Run the daemon until SIGTERM or SIGINT, or start one that runs on."""
+    if args.background:
+        from pdcd.cli.starting import serve_in_background
+
+        return serve_in_background(args)
     # First of all: it imports what it needs, a second's work, while we do. Of the main thread,
     # which lives as long as the daemon.
     child = start_worker()

@@ -14,10 +14,12 @@ from __future__ import annotations
 WHEN = "a date (2026-01-31, 2026-01-31T12:00), or how long ago: 30m, 12h, 7d, 2w"
 
 COMMANDS = """
-serve  serve:serve  run the daemon in the foreground
+serve  serve:serve  run the daemon, in the foreground unless told otherwise
   @config
   --socket PATH               listen here
   --state-dir DIR             keep runs below this folder
+  --background                return when it listens, and leave it running; its log is daemon.log in
+                              the state folder
   -v --verbose                log everything at a terminal, too, not warnings alone
 capture  capture:capture  take a photo and wait for it
   usage                       [OPTIONS] GOAL

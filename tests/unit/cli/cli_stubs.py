@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from pdcd import words
@@ -92,6 +93,7 @@ class StubClient:
     result: CaptureResult = DONE
     error: BaseException | None = None
     absent = False
+    config = Config()
     status_answer: Status = STATUS
     asked: list[Any]
 
@@ -138,6 +140,13 @@ class StubClient:
     ) -> PlanSummary:
         self._answer("plan", wanted, *[dict(arrays)] * bool(arrays))
         return PLAN
+
+    def call(self, method: str) -> Any:
+        assert method == "config.get"
+        return json.loads(msgspec.json.encode(self.config))
+
+    def close(self) -> None:
+        self.asked.append("closed")
 
     def status(self) -> Status:
         return self.status_answer

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from pdcd.cli import demo as demo_cli
+from pdcd.cli import starting
 from pdcd.cli.main import main
 from pdcd.client import UnreachableError
 from pdcd.extras import suggest_install
@@ -24,6 +25,8 @@ from tests.unit.cli.cli_stubs import JOB
 
 class Daemon:
     """Stands in for the process of a daemon."""
+
+    pid = 7
 
     def __init__(self) -> None:
         self.started: list[Any] = []
@@ -60,6 +63,8 @@ def client_of(result: CaptureResult, asked: list[Any]) -> Any:
     """A client whose captures end like that."""
 
     class Client:
+        daemon_pid = Daemon.pid
+
         def __init__(self, socket: Path) -> None:
             asked.append(socket.name)
 
@@ -88,7 +93,7 @@ def test_a_demo_takes_one_photo_with_a_daemon_of_its_own(
     asked: list[Any] = []
     files = ("preview/white.png", *["report.html"] * has_page)
     result = CaptureResult(job=JOB, state="done", folder="/r", files=files)
-    monkeypatch.setattr(demo_cli, "Client", client_of(result, asked))
+    monkeypatch.setattr(starting, "Client", client_of(result, asked))
     monkeypatch.setattr(demo_cli, "write_report", lambda folder: f"a page of {folder}")
     assert main(["demo", "--out", "there", "--codes", "16", "--seed", "3"]) == 0
     (words,) = daemon.started
@@ -170,22 +175,29 @@ def test_a_daemon_is_waited_for_until_it_answers_or_has_ended(
     slept: list[float] = []
     count = 0
 
-    def client(socket: Path) -> Any:
-        nonlocal count
-        count += 1
-        if count < tries or ended is not None:
-            raise UnreachableError("nobody")
-        return socket
+    class Client:
+        """The second that answers is another daemon's."""
+
+        def __init__(self, socket: Path) -> None:
+            nonlocal count
+            count += 1
+            if (count < tries and count != 2) or ended is not None:
+                raise UnreachableError("nobody")
+            self.daemon_pid = daemon.pid if count >= tries else 8
+
+        def close(self) -> None:
+            assert self.daemon_pid == 8
 
     log = tmp_path / "log"
     log.write_text("it begins\nit fails")
     daemon.ended = ended
-    monkeypatch.setattr(demo_cli, "Client", client)
+    monkeypatch.setattr(starting, "Client", Client)
     monkeypatch.setattr(time, "sleep", slept.append)
     if ended is None:
-        assert demo_cli._connect(Path("s"), daemon, log) == Path("s")  # type: ignore[arg-type, comparison-overlap]
+        found = starting.connect_started(Path("s"), daemon, log, 1e9)  # type: ignore[arg-type]
+        assert found.daemon_pid == daemon.pid
         assert slept == [0.02] * (tries - 1) and capsys.readouterr().err == ""
     else:
         with pytest.raises(UnreachableError):
-            demo_cli._connect(Path("s"), daemon, log)  # type: ignore[arg-type]
+            starting.connect_started(Path("s"), daemon, log, 1e9)  # type: ignore[arg-type]
         assert capsys.readouterr().err == "it begins\nit fails\n" and count == 1
