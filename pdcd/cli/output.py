@@ -56,7 +56,13 @@ def find_terminal_width() -> int:
 
 
 def say_table(rows: Sequence[Sequence[str]]) -> None:
-    """Print rows in aligned columns, no wider than the terminal but for words, which are not
+    """Print rows in aligned columns."""
+    for line in draw_table(rows):
+        say(line)
+
+
+def draw_table(rows: Sequence[Sequence[str]]) -> list[str]:
+    """The lines of rows in aligned columns, no wider than the terminal but for words, which are not
     broken: paths among them are copied."""
     from rich.console import Console
     from rich.table import Table
@@ -83,8 +89,7 @@ def say_table(rows: Sequence[Sequence[str]]) -> None:
     )
     with console.capture() as captured:
         console.print(table)
-    for line in captured.get().splitlines():
-        say(line.rstrip())
+    return [line.rstrip() for line in captured.get().splitlines()]
 
 
 def say_text(text: str) -> None:

@@ -31,6 +31,19 @@ transport  capture:capture  photograph entries of the transport matrix
   @photo goal=transport without=method
   @detach
   @queue
+batch  batch:take_batch  take the photos of a table, and again those that fail
+  more                        Take the photos of a table, one after the other, and again those that
+                              fail. What is done is not taken again: the same command goes on where
+                              it was ended. In TOML a [[photo]] for each, and [all] for what all
+                              share; in CSV a line for each.
+  table FILE                  .toml or .csv: keywords of each photo, with its goal
+  --out DIR                   runs or links to them, table.csv and summary.txt; default: named as
+                              the table
+  --retries N=1               how often failed ones are tried again
+  --pause S=30.0              wait so long before
+  --workers N                 with --local on the mock bench: so many at a time
+  @client
+  @local
 compare  compare:compare  take a photo by every method, side by side
   usage                       [OPTIONS] GOAL
   @photo without=method
