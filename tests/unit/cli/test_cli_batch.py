@@ -19,6 +19,7 @@ from pdcd.client import UnreachableError
 from pdcd.errors import ConfigError, DeviceLost, PdcdError, RequestError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
+from tests.places import ROOT
 
 TOML = """
 [all]
@@ -192,3 +193,15 @@ def test_options_that_do_not_go_together(
     rounds()
     assert main(line.split()) == 2
     assert what in capsys.readouterr().err
+
+
+def test_the_tables_of_the_docs_are_sound(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "batch.md").read_text()
+    (tmp_path / "night.toml").write_text(text.split("```toml\n")[1].split("```")[0])
+    lines = [line.strip() for line in text.splitlines() if line.startswith("    ") and "," in line]
+    (tmp_path / "night.csv").write_text("\n".join(line for line in lines if "pdcd" not in line))
+    goals = ["indirect", "fraction", "indirect"]
+    assert [photo["goal"] for photo in read_batch_table(tmp_path / "night.toml")] == goals
+    assert [photo["goal"] for photo in read_batch_table(tmp_path / "night.csv")] == [
+        "indirect", "fraction", "off-diagonal",
+    ]  # fmt: skip
