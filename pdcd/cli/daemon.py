@@ -16,6 +16,7 @@ from pdcd.bench.folders import find_socket_path
 from pdcd.bench.tables import Config
 from pdcd.client import Client, UnreachableError
 from pdcd.errors import ConfigError
+from pdcd.files.text import encode_json
 
 COMING_S = 3.0
 """How long a command waits for a daemon that was started just before."""
@@ -90,7 +91,7 @@ def _connect(path: Path, coming_s: float) -> Client:
 def _refuse_other(client: Client, config: Config, args: argparse.Namespace) -> None:
     """Raise ConfigError where the daemon has another configuration than the one that was typed,
     but for where it listens and keeps runs."""
-    other = _find_difference(client.call("config.get"), msgspec.json.decode(_encode(config)))
+    other = _find_difference(client.call("config.get"), msgspec.json.decode(encode_json(config)))
     if other is None:
         return
     here = ", or drive the rig from here with --local" if hasattr(args, "local") else ""
@@ -99,10 +100,6 @@ def _refuse_other(client: Client, config: Config, args: argparse.Namespace) -> N
         hint=f"leave --config out to go by the daemon's own, start it anew with pdcd serve "
         f"--config {args.config}{here}",
     )
-
-
-def _encode(config: Config) -> bytes:
-    return msgspec.json.encode(config)
 
 
 def _find_difference(there: Any, here: Any, key: str = "") -> str | None:

@@ -44,10 +44,11 @@ def connect_started(
             raise UnreachableError("another daemon answers")
         except UnreachableError:
             if process.poll() is not None or time.monotonic() > give_up_s:
-                with log.open(errors="replace") as stream:
+                with log.open("rb") as stream:
                     stream.seek(begun)
-                    for line in stream.read().splitlines()[-_TOLD_LINES:]:
-                        tell_user(line)
+                    lines = stream.read().decode(errors="replace").splitlines()
+                for line in lines[-_TOLD_LINES:]:
+                    tell_user(line)
                 raise
         time.sleep(_LOOK_S)
 

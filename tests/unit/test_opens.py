@@ -27,7 +27,7 @@ OWN = {
     "pdcd/bench/choosing.py: os.open": "folders, to lock them",
     "pdcd/bench/reading.py: source.open": "the configuration as a pipe, by who starts the program",
     "pdcd/capture/keeping.py: shutil.copyfile": "from one folder of its own to another, both open",
-    "pdcd/cli/demo.py: log.read_text": "the log of a child, in a folder that was made just now",
+    "pdcd/cli/starting.py: log.open": "the log of a child, in a folder of its own",
     "pdcd/cli/streams.py: open": "/dev/null",
     "pdcd/cli/streams.py: os.open": "/dev/null",
     "pdcd/extras.py: read_text": "the Makefile of the program",
