@@ -276,7 +276,7 @@ def _reasons(
     request, recipe, how, lattice = decided.request, decided.recipe, decided.how, decided.lattice
     yield from _brightness(request, how)
     if decided.own is not None:
-        yield from decided.own.explain(recipe)
+        yield from decided.own.explain(recipe, lattice)
     yield from explain_bench_fit(config, lattice.grid, lattice.window, decided.schedule, mask_lag_s)
     if decided.dark_s > 0.0:
         late = "at an unknown time" if mask_lag_s is None else f"{1e6 * mask_lag_s:.3g} us later"

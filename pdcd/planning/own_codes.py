@@ -30,7 +30,6 @@ from pdcd.recipes.programs import (
     LevelPairs,
     Levels,
     Program,
-    extend_values,
 )
 from pdcd.recipes.recipe import Recipe
 from pdcd.words import GoalName
@@ -153,19 +152,41 @@ class OwnCodes:
         continued over its far edges."""
         if self.lattice_shape == lattice.shape:
             return self.primal, self.dual
-        return extend_values(self.primal, lattice), extend_values(self.dual, lattice)
+        nearest = lattice.continued[0]
+        return self.primal[:, nearest], self.dual[:, nearest]
 
-    def explain(self, recipe: Recipe) -> Iterator[str]:
-        """What they are, and what they err by of the goal's coded photo, a line each.
+    def explain(self, recipe: Recipe, lattice: Lattice) -> Iterator[str]:
+        """What they are, what they err by of the goal's coded photo, and what becomes of them in
+        parts and windows, a line each.
 
-        Raises RequestError where they keep none of the light that the photo is scaled by.
+        lattice : of codes in the rig's window. Raises RequestError where they keep none of the
+        light that the photo is scaled by.
         """
+        yield self._describe_error(recipe)
+        if self.lattice_shape != lattice.shape and lattice.fields > 1:
+            yield (
+                f"codes: window {lattice.window} moves them by half a cell; over the far edges of "
+                "the grid its last cells are continued"
+            )
+        parts = max(shot.part for shot in recipe.shots)
+        if parts:
+            yield (
+                f"parts: {parts} exposures of {len(self.primal) // parts} codes each, in their "
+                "order; their spread measures the error where codes of each err independently"
+            )
+        else:
+            yield "parts: one exposure; what the codes err is not in the error bars"
+
+    def _describe_error(self, recipe: Recipe) -> str:
+        """What they are, and what they err by. Raises RequestError."""
         lit, opened = (100.0 * float(side.mean()) for side in (self.primal, self.dual))
         told = (
             f"codes: {len(self.primal)} pairs as given; the projector lights {lit:.3g} % of the "
             f"cells, the mask opens {opened:.3g} %"
         )
-        wanted = next(p for p in recipe.photos if any(s in recipe.programs for _, s in p.shots))
+        programs = recipe.programs
+        coded = {s.name for s in recipe.shots if not s.white and programs[s.program].coded}
+        wanted = next(photo for photo in recipe.photos if photo.shots[0][1] in coded)
         rows, columns = recipe.target.grid
         left, right = (
             np.asarray(side, np.float64)
@@ -182,15 +203,14 @@ class OwnCodes:
             )
         kind = wanted.wanted.uniform
         if kind is None or len(self.primal) ** 2 * left.shape[1] > _MOST_COMPARED:
-            yield told
-            return
+            return told
         mean, variance, own = compute_row_deviations(factors, wanted.wanted, weight)
         light = guess_scene_light()
         direct, indirect = (float(np.mean(side**2)) for side in (light.direct, light.indirect))
         error = np.mean(mean**2) * indirect + np.mean(variance) * light.squares
         error += np.mean(own**2) * direct
         signal = np.mean((kind[0] * light.direct + kind[1] * light.indirect) ** 2)
-        yield (
+        return (
             f"{told}; they err by {100.0 * float(np.sqrt(error / signal)):.2g} % of the coded "
             f"photo ({light.name})"
         )

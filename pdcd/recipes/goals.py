@@ -102,10 +102,10 @@ def check_target(target: Target) -> Target:
     takes = (*needs, *list_optional_fields(goal.name))
     missing, spare = sorted({*needs} - given), sorted(given - {*takes})
     if missing:
-        takes = list_request_fields()[missing[0]].takes
+        wanted = list_request_fields()[missing[0]].takes
         raise RequestError(
             f"goal {goal.name} needs {', '.join(missing)}",
-            hint=f"give {missing[0]}, which takes {takes}",
+            hint=f"give {missing[0]}, which takes {wanted}",
         )
     if spare:
         raise RequestError(

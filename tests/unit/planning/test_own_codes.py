@@ -84,7 +84,8 @@ def test_codes_of_a_family_in_a_file_are_shown_as_the_family_is(
 
 def test_codes_of_the_grid_serve_every_window_and_may_be_grey_or_flat() -> None:
     whole, cut = (plan_own(BITS, ~BITS, window=window) for window in ("whole", "quarter"))
-    lattice = np.unpackbits(cut.patterns["coded"][0], axis=1)[:, :63].reshape(-1, 7, 9)
+    packed = np.asarray(cut.patterns["coded"][0], dtype=np.uint8)
+    lattice = np.unpackbits(packed, axis=1)[:, :63].reshape(-1, 7, 9)
     assert np.array_equal(lattice, np.pad(BITS, ((0, 0), (0, 1), (0, 1)), mode="edge"))
     flat = plan_own(BITS.reshape(COUNT, -1), ~BITS.reshape(COUNT, -1), window="whole")
     assert np.array_equal(flat.patterns["coded"][1], whole.patterns["coded"][1])
