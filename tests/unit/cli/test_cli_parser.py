@@ -86,7 +86,7 @@ EXPORTED = {
     "range": None, "force": False,
 }  # fmt: skip
 DEFAULTS: dict[str, dict[str, Any]] = {
-    "serve": {**ANY_RIG, "state_dir": None, "verbose": False},
+    "serve": {**ANY_RIG, "state_dir": None, "background": False, "verbose": False},
     "capture white": {**USUAL, "goal": "white", "method": "coded", "detach": False, "queue": False},
     "transport": {**USUAL, "goal": "transport", "detach": False, "queue": False},
     "compare direct": {**USUAL, "goal": "direct"},

@@ -122,7 +122,7 @@ def test_a_refusal_names_what_is_taken_and_a_short_value(name: str, value: Any, 
     field = list_request_fields()[name]
     with pytest.raises(FieldError) as caught:
         field.convert(value, "--x")
-    assert str(caught.value) == f"--x: it takes {field.takes}{shown}"
+    assert str(caught.value) == f"--x takes {field.takes}{shown}"
 
 
 def test_a_message_is_refused_by_its_wrong_field() -> None:
