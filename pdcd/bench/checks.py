@@ -164,18 +164,12 @@ def _size_faults(config: Config) -> Iterator[ConfigFault]:
         table = getattr(config, name)
         for key in times:
             value = getattr(table, key, 0.0)
-            if math.isfinite(value) and abs(value) > _LONGEST_S:
+            longest_s = _SLOWEST_S if key in ("rise_s", "fall_s") else _LONGEST_S
+            if math.isfinite(value) and abs(value) > longest_s:
                 yield ConfigFault(
                     (f"{name}.{key}",),
-                    f"{name}.{key}: {value:g} is more than {_LONGEST_S:g} seconds, the unit of it",
-                )
-        for key in ("rise_s", "fall_s"):
-            value = getattr(table, key, 0.0)
-            if _SLOWEST_S < value <= _LONGEST_S:
-                yield ConfigFault(
-                    (f"{name}.{key}",),
-                    f"{name}.{key}: {value:g} seconds is too slow to show a code; of milliseconds "
-                    f"write {value / 1000.0:g}",
+                    f"{name}.{key}: {value:g} is more than {longest_s:g} seconds, the unit of it; "
+                    f"of milliseconds write {value / 1000.0:g}",
                 )
     numbers = {
         "projector.refresh_hz": (config.projector.refresh_hz, _RATES_HZ),

@@ -139,7 +139,7 @@ def _manifest(
     if check.read is None or found:
         first = found[0]
         if check.read is None and first.what in ("missing", "unreadable"):
-            raise _make_absent_error(folder)
+            raise _make_absent_error(folder, first)
         more = f", and {len(found) - 1} more" if len(found) > 1 else ""
         raise DecodeError(
             f"{to_one_line(str(folder))} is not a whole and unchanged run: {first.path}: "
@@ -149,26 +149,20 @@ def _manifest(
     return check.read
 
 
-def _make_absent_error(folder: Path) -> DecodeError:
-    """The error of a folder that holds no manifest, or is none."""
-    called = to_one_line(str(folder))
-    if folder.is_file():
-        return DecodeError(
-            f"{called} is a file, no run folder", hint="name the folder that it lies in"
-        )
-    if not folder.exists():
-        return DecodeError(f"there is no folder {called}", hint="see pdcd runs for those there are")
+def _make_absent_error(folder: Path, why: FolderFinding) -> DecodeError:
+    """The error of a folder whose manifest cannot be read, or of what is none."""
+    called, hint = to_one_line(str(folder)), "see pdcd runs for those there are"
+    if os.path.isfile(folder):  # noqa: PTH113 - pathlib raises for names that are too long
+        hint = "name the folder that it lies in"
+        return DecodeError(f"{called} is a file, no run folder", hint=hint)
     inside = find_inner_run(folder)
     if inside is not None:
-        return DecodeError(
-            f"{called} holds runs and is none itself",
-            hint=f"name one of them, such as {to_one_line(str(folder / inside))}",
-        )
-    return DecodeError(
-        f"{called} is no finished run: it has no {MANIFEST} that can be read",
-        hint="see pdcd runs for those there are; pdcd decode --partial makes what it can of an "
-        "interrupted one",
-    )
+        hint = f"name one of them, such as {to_one_line(str(folder / inside))}"
+        return DecodeError(f"{called} holds runs and is none itself", hint=hint)
+    if why.what == "missing":
+        hint += "; pdcd decode --partial makes what it can of an interrupted one"
+        return DecodeError(f"{called} is no finished run: it has no {MANIFEST}", hint=hint)
+    return DecodeError(f"{called} cannot be read: {why.path}: {why.detail}", hint=hint)
 
 
 def find_inner_run(folder: Path) -> str | None:

@@ -98,8 +98,9 @@ def test_a_changed_file_is_refused_when_it_is_asked_for(
 
 
 def test_what_is_no_whole_run_is_not_opened(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(DecodeError, match="is not a whole"):
-        pdcd.open(tmp_path)
+    (tmp_path / "nothing").mkdir()
+    with pytest.raises(DecodeError, match="is no finished run"):
+        pdcd.open(tmp_path / "nothing")
     cut = tmp_path / f"{folder.name}.partial"
     shutil.copytree(folder, cut)
     with pytest.raises(DecodeError, match="not finished"):

@@ -185,7 +185,7 @@ def test_who_needs_a_whole_run_hears_of_the_first_fault_and_of_how_many_more(
 ) -> None:
     with pytest.raises(DecodeError) as one:
         read_whole_manifest(tmp_path)
-    assert one.value.message.endswith("is no finished run: it has no capture.json that can be read")
+    assert one.value.message.endswith("is no finished run: it has no capture.json")
     (tmp_path / "capture.json").write_bytes(b"{}")
     monkeypatch.setattr(module, "parse_manifest", lambda _: manifest(state="new"))
     with pytest.raises(DecodeError) as two:
