@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import pdcd
 from pdcd.codes.make import make_codes
 from pdcd.runs.verify import verify_run
 from tests.bench_rig import GRID, config
 from tests.e2e.api.test_connected import daemon
+from tests.places import ROOT
 
 COUNT = 16
 
@@ -38,3 +40,23 @@ def test_a_family_in_a_file_gives_the_same_probe(tmp_path: Path) -> None:
         assert verify_run(folder).whole
     told = json.loads((own[0] / "capture.json").read_text())["request"]["codes_from"]
     assert told["file"] == "own.npz"
+
+
+def test_the_docs_make_codes_that_are_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both pieces of Python, on a smaller bench: a file to plan by, and the codes of a run."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pdcd").mkdir()
+    (tmp_path / "pdcd" / "pdcd.toml").write_text("[scene]\ngrid = [6, 8]\n")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    text = (ROOT / "docs" / "own-codes.md").read_text()
+    first, second = (part.split("```")[0] for part in text.split("```python\n")[1:])
+    exec(first.replace("48, 64", "6, 8"), {})
+    with pdcd.local() as bench:
+        assert bench.plan("indirect", codes_from=Path("own.npz")).codes == 64
+    names: dict[str, Any] = {}
+    exec(second, names)
+    shown = [np.load(names[run].folder / "codes.npz") for run in ("run", "again")]
+    for side in ("coded.primal", "coded.dual"):
+        assert np.array_equal(shown[0][side], shown[1][side])

@@ -52,7 +52,8 @@ EVERY_FIELD = {
     "disparities": "disparities.npy", "kernel": ((1.0,),), "matrix": "matrix.npy",
     "method": "nayar", "pilot": 4, "smooth": True, "grey_masks": False, "parts": 2,
     "until_error": 0.01, "repeat": 3, "error": 0.02, "confidence": 0.9, "seconds": 30.0,
-    "prior": "prior.npz", "codes_from": "codes.npz", "seed": 9, "exposure_s": 2.5, "window": "quarter", "guards": False,
+    "prior": "prior.npz", "codes_from": "codes.npz", "seed": 9, "exposure_s": 2.5,
+    "window": "quarter", "guards": False,
     "black_level": "both", "normalise": "row", "white": False, "white_patch": (0.25, 1.0),
     "out": "here", "name": "a chart", "tags": ("glass",), "note": "n",
 }  # fmt: skip
