@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+from contextlib import suppress
 from pathlib import Path
 
 from pdcd.api.progress import tell_user
 from pdcd.bench.config import load_config
 from pdcd.bench.folders import find_state_dir
-from pdcd.cli.daemon import find_daemon_socket
+from pdcd.cli.daemon import connect_daemon, find_daemon_socket
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say
+from pdcd.client import UnreachableError
 from pdcd.errors import ConfigError
 from pdcd.extras import suggest_install
 from pdcd.server import log
@@ -27,6 +29,9 @@ def serve_web(args: argparse.Namespace) -> int:
     given: Path | None = args.state_dir
     state = find_state_dir(load_config(args.config)) if given is None else given
     socket = find_daemon_socket(args)
+    if args.config is not None:  # what the form asks for is done by the daemon's own
+        with suppress(UnreachableError):
+            connect_daemon(args, drives=True, coming_s=0.0).close()
 
     def opened(address: str) -> None:
         say(address)

@@ -67,7 +67,9 @@ FILES = {
 """Configurations, and by which key each differs from that of the daemon."""
 
 
-@pytest.mark.parametrize("line", ["capture white", "calibrate --yes", "show white --seconds 0"])
+@pytest.mark.parametrize(
+    "line", ["capture white", "calibrate --yes", "show white --seconds 0", "web --port 0"]
+)
 @pytest.mark.parametrize("name", FILES)
 def test_a_daemon_of_another_configuration_is_not_driven(
     daemon: type[StubClient],
