@@ -9,6 +9,7 @@ engine; all of it in time, whatever a driver does (`pdcd.server.ending`).
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import logging
 import time
 from collections.abc import Callable
@@ -46,6 +47,9 @@ GROUPS_S = 10.0
 _STATUS_INTERVAL_NS = 1_000_000_000
 """Least time between two progress lines to the service manager."""
 
+_M_ARENA_MAX = -8
+"""Of glibc's mallopt: how many stores of free memory there may be."""
+
 
 def run_daemon(
     config: Config,
@@ -62,7 +66,16 @@ def run_daemon(
     not be started.
     """
     log.send_to_stderr(verbose=verbose)
+    _share_free_memory()
     return asyncio.run(_run(config, socket, engine_factory))
+
+
+def _share_free_memory() -> None:
+    """Let all threads use what one of them frees: otherwise the C library keeps for each as much as
+    it ever had. Where it is another library, nothing is done."""
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_M_ARENA_MAX, 1)
 
 
 async def _run(config: Config, socket: Path | None, engine_factory: _EngineFactory) -> int:

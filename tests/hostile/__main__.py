@@ -15,6 +15,7 @@ from pathlib import Path
 from tests import world
 from tests.hostile import crowd, web_trial
 from tests.hostile.trial import trial
+from tests.soak.benches import BENCHES
 
 
 def main() -> int:
@@ -25,10 +26,11 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--web", action="store_true")
     parser.add_argument("--crowd", type=float, metavar="SECONDS")
+    parser.add_argument("--on", choices=BENCHES, default="mocks", help="bench of the crowd")
     given = parser.parse_args()
     logging.disable(logging.ERROR)
     if given.crowd:
-        return _crowd(given.crowd)
+        return _crowd(given.crowd, given.on)
     return _web(given.seed, given.count) if given.web else _methods(given.seed, given.count)
 
 
@@ -42,9 +44,9 @@ def _web(seed: int, count: int) -> int:
     return 1 if outcome.broken else 0
 
 
-def _crowd(seconds: float) -> int:
-    with tempfile.TemporaryDirectory() as folder:
-        outcome = crowd.trial(Path(folder), seconds)
+def _crowd(seconds: float, on: str) -> int:
+    with tempfile.TemporaryDirectory() as folder, BENCHES[on](Path(folder)) as bench:
+        outcome = crowd.trial(bench, seconds)
     for line in outcome.broken():
         sys.stdout.write(f"broken: {line}\n")
     sys.stdout.write(outcome.told() + "\n")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import itertools
 import multiprocessing
 import os
 import signal
@@ -20,17 +21,28 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from pdcd.bench.config import format_config, load_config
+from pdcd.bench.tables import RoleConfig
 from pdcd.client import Client
 from pdcd.errors import PdcdError
 from pdcd.protocol.request import CaptureRequest
-from tests.hostile.files import raw_npy
+from tests.hostile.files import kinds, raw_npy
+from tests.hostile.requests import attacks
 from tests.run_folders import finished, job
+from tests.soak.benches import Bench
+from tests.soak.daemons import Daemon
+from tests.soak.wanted import GRID
 
 EVE = 65534
 RUNS = 300
 """In the state folder: a list of them is work."""
-STATUS_S, CANCEL_S, RSS_MIB = 0.25, 1.0, 400.0
-"""What must hold: the 99th percentile of `rig.status`, every cancel, the daemon's memory."""
+STATUS_S, CANCEL_S, RSS_MIB, BEAT_S, END_S = 0.25, 1.0, 400.0, 2.0, 10.0
+"""What must hold: the 99th percentile of `rig.status`, every cancel, the daemon's memory, its heart
+beat, and its end."""
+KEPT_MIB = 60.0
+"""How much more the daemon may keep than it had at first."""
 
 
 @dataclass
@@ -39,11 +51,16 @@ class Outcome:
 
     status_s: list[float] = field(default_factory=list)
     cancel_s: list[float] = field(default_factory=list)
+    capture_s: list[float] = field(default_factory=list)
     page_s: list[float] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     rss_mib: list[float] = field(default_factory=list)
+    beat_s: float = 0.0
+    """Longest silence of the heart beat."""
     end_s: float = 0.0
-    """From SIGTERM to the end of the daemon."""
+    """From SIGTERM, amid an exposure, to the end of the daemon."""
+    lit: tuple[bool, bool] = (False, False)
+    """Whether panels were lit and the shutter open once it had ended, where that can be seen."""
 
     def broken(self) -> list[str]:
         """Promises that were not kept."""
@@ -51,7 +68,10 @@ class Outcome:
             "rig.status": _percentile(self.status_s, 0.99) < STATUS_S,
             "cancel": max(self.cancel_s) < CANCEL_S,
             "memory": max(self.rss_mib) < RSS_MIB,
-            "SIGTERM": self.end_s < 10.0,
+            "memory given back": self.rss_mib[-1] < self.rss_mib[0] + KEPT_MIB,
+            "heart beat": self.beat_s < BEAT_S,
+            "SIGTERM": self.end_s < END_S,
+            "panels black and shutter closed": not any(self.lit),
             "nothing fails": not self.failed,
         }
         return [name for name, is_kept in kept.items() if not is_kept] + self.failed[:5]
@@ -63,10 +83,15 @@ class Outcome:
             f"{len(self.status_s)} times rig.status: half in {half_s:.3f} s, "
             f"99 % in {most_s:.3f} s, all in {max(self.status_s):.3f} s\n"
             f"{len(self.cancel_s)} cancels: all in {max(self.cancel_s):.3f} s; "
-            f"{len(self.page_s)} pages: all in {max(self.page_s):.3f} s\n"
+            f"{len(self.page_s)} pages: all in {max(self.page_s):.3f} s; "
+            f"{len(self.capture_s)} captures: all in {max(self.capture_s):.3f} s\n"
             f"memory: {self.rss_mib[0]:.0f} MiB at first, {max(self.rss_mib):.0f} at most, "
-            f"{self.rss_mib[-1]:.0f} afterwards; ended in {self.end_s:.2f} s"
+            f"{self.rss_mib[-1]:.0f} afterwards; longest silence of the heart {self.beat_s:.2f} s; "
+            f"ended in {self.end_s:.2f} s"
         )
+
+
+_WAITS = itertools.cycle((0.0, 0.1, 0.4, 1.0))
 
 
 def _percentile(values: list[float], share: float) -> float:
@@ -126,6 +151,18 @@ def _flood(path: str, name: str, reads: bool) -> None:
                         pass
 
 
+def _attack(path: str, arrays: str, seed: int) -> None:
+    """Make requests that mean harm, each on a connection that is left at once or after a while."""
+    _become_eve()
+    for attack in attacks(seed, 10**9, Path(arrays), GRID):
+        with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as sock:
+            sock.settimeout(1.0)
+            sock.connect(path)
+            socket.send_fds(sock, [attack.line + b"\n"], attack.fds)
+            sock.recv(2**20)
+        attack.close()
+
+
 def _keep_places(port: int, count: int) -> None:
     """Hold connections to the page, and come again as soon as one is cut."""
     _become_eve()
@@ -156,28 +193,21 @@ def _is_cut(sock: socket.socket) -> bool:
         return True
 
 
-def trial(folder: Path, seconds: float) -> Outcome:
-    """Let all of them come for so long, with a daemon whose engine does nothing."""
-    folder.chmod(0o755)
-    path, state = folder / "s", folder / "state"
+def trial(bench: Bench, seconds: float) -> Outcome:
+    """Let all of them come for so long, to a daemon that takes photos on a bench."""
+    bench.folder.chmod(0o755)
     for number in range(RUNS):
-        finished(state / "captures", job(number % 60, 1 + number // 60))
-    words = [
-        "-m",
-        "tests.e2e.server._fake_engine",
-        "--socket",
-        str(path),
-        "--state-dir",
-        str(state),
-    ]
-    log, pipe = (folder / "log").open("wb"), subprocess.PIPE
-    with log, subprocess.Popen(
-        [sys.executable, *words, "--shoot", str(EVE)], stdout=pipe, stderr=log
-    ) as daemon, _page(path, state) as (port, head):  # fmt: skip
-        try:
-            return _watched(daemon, path, port, head, seconds)
-        finally:
-            daemon.kill()
+        finished(bench.state / "captures", job(number % 60, 1 + number // 60))
+    kinds(bench.folder / "arrays")
+    config = load_config(bench.config)
+    server = msgspec.structs.replace(config.server, shoot=RoleConfig(uids=(EVE,)))
+    bench.config.write_text(format_config(msgspec.structs.replace(config, server=server)))
+    path = bench.folder / "s"
+    with _page(path, bench.state) as (port, head), Daemon(bench) as daemon:
+        outcome = _watched(daemon, path, port, head, seconds)
+    outcome.beat_s = daemon.gap_s
+    outcome.lit = tuple(look() if look else False for look in (bench.lit, bench.is_open))
+    return outcome
 
 
 @contextlib.contextmanager
@@ -197,12 +227,8 @@ def _page(path: Path, state: Path) -> Any:
             page.kill()
 
 
-def _watched(
-    daemon: subprocess.Popen[bytes], path: Path, port: int, head: bytes, seconds: float
-) -> Outcome:
+def _watched(daemon: Daemon, path: Path, port: int, head: bytes, seconds: float) -> Outcome:
     outcome = Outcome()
-    while not path.exists():
-        time.sleep(0.05)
     make = multiprocessing.get_context("fork").Process
     attackers = [
         make(target=_flood, args=(str(path), name, reads), daemon=True)
@@ -210,24 +236,37 @@ def _watched(
         for reads in (True, False)
     ]
     attackers.append(make(target=_keep_places, args=(port, 200), daemon=True))
-    outcome.rss_mib.append(_rss_mib(daemon.pid))
-    with Client(path, timeout_s=30.0) as client:
+    arrays = str(daemon.bench.folder / "arrays")
+    attackers += [make(target=_attack, args=(str(path), arrays, n), daemon=True) for n in range(3)]
+    with Client(path, timeout_s=60.0) as client:
+        client.capture(CaptureRequest(goal="white", codes=8))  # all is loaded now
+        outcome.rss_mib.append(_rss_mib(daemon.pid))
         for attacker in attackers:
             attacker.start()
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s:
             _go_about(client, port, head, outcome)
             outcome.rss_mib.append(_rss_mib(daemon.pid))
-        for attacker in attackers:
+        for attacker in attackers[:-1]:
             attacker.kill()
-            attacker.join()
-        time.sleep(1.0)
+        time.sleep(2.0)
         outcome.rss_mib.append(_rss_mib(daemon.pid))
-    begun_s = time.monotonic()
-    daemon.send_signal(signal.SIGTERM)
-    daemon.wait(30.0)
-    outcome.end_s = time.monotonic() - begun_s
+        _end_amid_light(daemon, client, outcome)
+        attackers[-1].kill()
     return outcome
+
+
+def _end_amid_light(daemon: Daemon, client: Client, outcome: Outcome) -> None:
+    """SIGTERM while a photo is exposed, where there is somebody to see it."""
+    client.capture(CaptureRequest(goal="white"), detach=True, queue=True)
+    until_s = time.monotonic() + 20.0
+    is_open = daemon.bench.is_open or (lambda: True)
+    while not is_open() and time.monotonic() < until_s:
+        time.sleep(0.01)
+    begun_s = time.monotonic()
+    daemon.process.send_signal(signal.SIGTERM)
+    daemon.process.wait(30.0)
+    outcome.end_s = time.monotonic() - begun_s
 
 
 def _go_about(client: Client, port: int, head: bytes, outcome: Outcome) -> None:
@@ -244,9 +283,12 @@ def _go_about(client: Client, port: int, head: bytes, outcome: Outcome) -> None:
     for _ in range(20):
         timed(outcome.status_s, client.status)
         time.sleep(0.01)
-    request = CaptureRequest(goal="white", note="slow")
+    request = CaptureRequest(goal="indirect", codes=32)
     started = client.capture(request, detach=True, queue=True)
+    time.sleep(next(_WAITS))
     timed(outcome.cancel_s, lambda: client.cancel(started.job))
+    short = CaptureRequest(goal="white", codes=8)
+    timed(outcome.capture_s, lambda: client.capture(short, queue=True))
     timed(outcome.page_s, lambda: _ask_page(port, head))
 
 
