@@ -140,8 +140,10 @@ def _import(role: str, name: str, target: str) -> _DriverClass:
     module_name, _, class_name = target.partition(":")
     try:
         module = importlib.import_module(module_name)
+    except KeyboardInterrupt:
+        raise
     # A driver's module may fail in any way its vendor's library finds; that costs this driver only.
-    except Exception as err:
+    except BaseException as err:
         raise DriverUnavailable(
             f"driver {name!r}: {module_name} does not import: {type(err).__name__}: {err}",
             device=role,
@@ -163,7 +165,7 @@ def _distribution(point: EntryPoint) -> str:
     return point.dist.name if point.dist is not None else "unknown"
 
 
-def _remedy(error: Exception) -> str:
+def _remedy(error: BaseException) -> str:
     """What to do about a driver that does not import."""
     # Most drivers do import, and need nothing of it.
     from pdcd.extras import OPTIONAL, suggest_install

@@ -70,7 +70,7 @@ def _never() -> bool:
     return False
 
 
-def _failure(err: Exception, what: str, job: str) -> PdcdError:
+def _failure(err: BaseException, what: str, job: str) -> PdcdError:
     """What a job ended by; a fault of the program is logged, and told as one."""
     typed = to_typed_error(err)
     if typed is not err:
@@ -339,7 +339,9 @@ class Engine:
                     self._config, self._rig, self._profile, self._worker, folder, ordered, notes
                 )
                 result = run.execute(self.describe())
-            except Exception as err:
+            except KeyboardInterrupt:
+                raise
+            except BaseException as err:
                 failure = _failure(err, "capture", job)
             finally:
                 safe = self._rig.make_safe()
@@ -389,7 +391,9 @@ class Engine:
                 finally:
                     if out is not None and run.ended_whole and folder.where is not None:
                         link_calibration(folder.where, self._calibrations)
-            except Exception as err:
+            except KeyboardInterrupt:
+                raise
+            except BaseException as err:
                 failure = _failure(err, "calibration", job)
             finally:
                 safe = rig.make_safe()

@@ -260,8 +260,8 @@ class Rig:
             for device in (self.readout, self.shutter, self.display):
                 try:
                     device.disconnect()
-                except Exception as err:
-                    logger.warning("not released device=%s error=%s", type(device).__name__, err)
+                except BaseException as err:
+                    logger.warning("not released device=%s error=%r", type(device).__name__, err)
 
     def make_safe(self) -> bool:
         """Both panels black and the shutter closed; whether they are. See `pdcd.capture.safety`."""

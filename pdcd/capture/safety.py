@@ -54,7 +54,7 @@ def _insist(name: str, action: Callable[[], object]) -> bool:
         try:
             action()
             return True
-        except Exception as err:
+        except BaseException as err:  # one that ends programs opens no shutter
             level = logging.WARNING if left else logging.CRITICAL
-            logger.log(level, "not safe device=%s error=%s tries_left=%d", name, err, left)
+            logger.log(level, "not safe device=%s error=%r tries_left=%d", name, err, left)
     return False

@@ -51,6 +51,9 @@ def _run(args: argparse.Namespace) -> int:
         return _fail(args, exit_code_of(err.kind), str(err), err.kind, err)
     except KeyboardInterrupt:
         return _fail(args, CANCELLED, "interrupted", "cancelled")
+    except SystemExit as err:  # of a driver, or of what it loads
+        said = f"a driver, or a library of its, ended the program: SystemExit {err.code!r:.200}"
+        return _fail(args, FAILED, said, PdcdError.kind)
     except BrokenPipeError:
         raise
     except ConnectionError as err:  # the client's Unreachable, which is not imported here

@@ -2,7 +2,8 @@
 
 What a file says of black, white, mosaic and picture is read from its own tags where it is a DNG;
 what LibRaw makes of the same is a second figure, and a difference is said. The first photo of each
-form is decoded twice, into memory that is filled otherwise.
+form is decoded twice, into memory that is filled otherwise; any other one where a sample is what
+memory was filled with.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from pdcd.sensor.dng_form import (
     read_dng_form,
 )
 from pdcd.sensor.pieces import check_pieces, is_read_here, read_samples
-from pdcd.sensor.proof import decode_twice
+from pdcd.sensor.proof import decode_proven
 from pdcd.sensor.tiff import TiffTags, read_tags
 from pdcd.sensor.whole import RawData, check_whole
 
@@ -161,14 +162,17 @@ def _read_sensor(raw: RawInput) -> tuple[NDArray[np.generic], tuple[str, ...]]:
     shape = sizes.raw_height, sizes.raw_width
     packing = (form.packing, form.bits) if form else ()
     key = data[:4], model, packing, shape
-    if key not in _proven or not raw.found.sure:
-        sensor = decode_twice(
-            lambda: _unpack(raw), lambda: _unpack_again(raw, shape), _find_used(raw), raw.name
-        )
+    sensor = decode_proven(
+        lambda: _unpack(raw),
+        lambda: _unpack_again(raw, shape),
+        _find_used(raw),
+        raw.name,
+        twice=key not in _proven or not raw.found.sure,
+    )
+    if key not in _proven:
         own_too = read_samples(data, form, raw.name) if form is not None and own else sensor
         _proven[key] = bool(np.array_equal(own_too, sensor))
     if form is None or _proven[key]:
-        sensor = _unpack(raw)
         if form is not None and sensor.shape != form.shape:
             what = " x ".join(map(str, sensor.shape[::-1]))
             raise DecodeError(

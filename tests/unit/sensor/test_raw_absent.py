@@ -84,6 +84,30 @@ def test_a_jpeg_of_fewer_samples_than_its_tile(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("file", [JPEG, TILES])
+@pytest.mark.parametrize(
+    ("mark", "at", "harm"), [(b"\xff\xda", 2, b"\xff\xff"), (b"\xff\xc3", 4, b"\x28")]
+)
+def test_a_jpeg_that_the_decoder_does_not_begin_holds_nothing_of_the_photo_before(
+    tmp_path: Path, file: DngFile, mark: bytes, at: int, harm: bytes
+) -> None:
+    """Of a form that was decoded twice already: its samples would be what lay in memory."""
+    data = write_dng_form(tmp_path / "a.dng", NOISE, file)
+    assert read_raw(tmp_path / "a.dng").frame == (64, 96)
+    place = data.rfind(mark) + at
+    data = data[:place] + harm + data[place + len(harm) :]
+    assert "some come from memory" in refused(tmp_path / "a.dng", data)
+
+
+def test_samples_that_look_like_fresh_memory_are_samples(tmp_path: Path) -> None:
+    like = NOISE.copy()
+    like[40:] = 0xA5A5
+    file = replace(PLAIN, white=65535)
+    for _ in range(2):
+        write_dng_form(tmp_path / "a.dng", like, file)
+        assert (read_raw(tmp_path / "a.dng").planes[:, 20:] == 0xA5A5 - 256).all()
+
+
+@pytest.mark.parametrize("file", [JPEG, TILES])
 def test_a_hole_in_the_middle_of_compressed_samples(tmp_path: Path, file: DngFile) -> None:
     data = bytearray(write_dng_form(tmp_path / "a.dng", NOISE, file))
     offset, size = parts_of(data)[0]
