@@ -117,10 +117,10 @@ if TYPE_CHECKING:
     from pdcd.panels.patterns import check_binary
     from pdcd.printable import to_one_line
     from pdcd.sensor.dng import write_dng
-    from pdcd.sensor.filled import find_gap
     from pdcd.sensor.profile import load_profile, responsivity_e
     from pdcd.sensor.raw import RAW_SUFFIXES, read_raw
     from pdcd.sensor.tiff import read_tags
+    from pdcd.sensor.whole import find_gap
 
 __all__ = [
     "BLACK",
@@ -225,10 +225,10 @@ _ROOMS = {
     "pdcd.panels.draw": ("check_fit", "draw", "draw_planes"),
     "pdcd.panels.frames": ("BLACK", "WHITE", "FrameLog", "Frames", "check_row_times"),
     "pdcd.sensor.dng": ("write_dng",),
-    "pdcd.sensor.filled": ("find_gap",),
     "pdcd.sensor.profile": ("load_profile", "responsivity_e"),
     "pdcd.sensor.raw": ("RAW_SUFFIXES", "read_raw"),
     "pdcd.sensor.tiff": ("read_tags",),
+    "pdcd.sensor.whole": ("find_gap",),
 }
 """Where each name is at home."""
 

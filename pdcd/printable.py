@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import html
 import json
+import os
 import sys
 from typing import Any
 
@@ -54,3 +55,14 @@ def to_percent(share: Any) -> str:
 def _escaped(character: str) -> str:
     # JSON leaves DEL as it is.
     return "\\u007f" if character == "\x7f" else json.dumps(character)[1:-1]
+
+
+def keep_standard_streams() -> None:
+    """Put the null device where descriptor 0, 1 or 2 is closed, by whoever started us or a driver's
+    library: the next file that is opened would get its number, and what is printed."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            null = os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
+            os.set_inheritable(null, True)  # children have three as well

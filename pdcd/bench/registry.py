@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import importlib
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, NamedTuple, Protocol, get_args
 
-from pdcd.errors import DriverUnavailable
+from pdcd.errors import DeviceLost, DriverUnavailable, PdcdError, to_typed_error
 
 logger = logging.getLogger(__name__)
 
@@ -101,6 +102,22 @@ def load_driver(role: DriverRole, name: str) -> _DriverClass:
             hint=f"known are: {', '.join(names) or 'none'}; see pdcd drivers",
         )
     return _import(role, name, known[role, name].target)
+
+
+@contextmanager
+def name_driver_errors(role: DriverRole) -> Iterator[None]:
+    """Turn what a driver raises that is no error of ours into one that names it: where drivers are
+    made and opened, a library of theirs may even end the program. Raises DeviceLost."""
+    try:
+        yield
+    except (PdcdError, KeyboardInterrupt):
+        raise
+    except BaseException as err:
+        raise DeviceLost(
+            f"its driver failed: {to_typed_error(err).message}",
+            device=role,
+            hint="see its log, and whether there is a newer one",
+        ) from err
 
 
 def describe_drivers() -> list[dict[str, str | bool | None]]:

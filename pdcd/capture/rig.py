@@ -29,7 +29,7 @@ from pdcd.bench.devices import (
 )
 from pdcd.bench.exposure_time import tell_exposure_time, with_exposure_times, with_open_time
 from pdcd.bench.placed import find_place_faults
-from pdcd.bench.registry import load_driver
+from pdcd.bench.registry import load_driver, name_driver_errors
 from pdcd.bench.tables import Config
 from pdcd.capture.pulse import Pulse
 from pdcd.capture.safety import make_safe, make_safe_beside
@@ -44,6 +44,7 @@ from pdcd.errors import (
 )
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.panels.schedule import build_frames
+from pdcd.printable import keep_standard_streams
 from pdcd.protocol.events import Emit, ShotArmed, ShutterClosed, ShutterOpen
 from pdcd.sensor.dng import CFAS, write_photo_frame
 from pdcd.virtual.scene.scene import Scene
@@ -103,9 +104,12 @@ class Rig:
             "readout": load_driver("readout", config.camera.driver),
         }
         self.maturity = {role: str(cls.maturity) for role, cls in classes.items()}
-        self.display: Display = classes["display"].create(context)
-        self.shutter: Shutter = classes["shutter"].create(context)
-        self.readout: Readout = classes["readout"].create(context)
+        with name_driver_errors("display"):
+            self.display: Display = classes["display"].create(context)
+        with name_driver_errors("shutter"):
+            self.shutter: Shutter = classes["shutter"].create(context)
+        with name_driver_errors("readout"):
+            self.readout: Readout = classes["readout"].create(context)
         self.display_info: DisplayInfo | None = None
         self.shutter_info: dict[str, str] = {}
         self.camera_info: CameraInfo | None = None
@@ -246,9 +250,13 @@ class Rig:
     def connect(self) -> None:
         """Open all devices: panels black first, then the shutter closed, then the camera."""
         try:
-            self.display_info = self.display.connect()
-            self.shutter_info = self.shutter.connect()
-            self.camera_info = self._as_measured(self.readout.connect())
+            with name_driver_errors("display"):
+                self.display_info = self.display.connect()
+            with name_driver_errors("shutter"):
+                self.shutter_info = self.shutter.connect()
+            with name_driver_errors("readout"):
+                self.camera_info = self._as_measured(self.readout.connect())
+            keep_standard_streams()
         except BaseException:
             self.disconnect()
             raise

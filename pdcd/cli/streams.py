@@ -14,17 +14,14 @@ from pathlib import Path
 from typing import TextIO
 
 from pdcd.errors import disk_errors
+from pdcd.printable import keep_standard_streams
 
 
 def open_missing_streams() -> None:
     """Put the null device where a standard stream is missing; called first of all. What stdout has
     no letter for is written as an escape, as stderr does it."""
-    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
-        try:
-            os.fstat(number)
-        except OSError:
-            null = os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
-            os.set_inheritable(null, True)  # children have three as well
+    keep_standard_streams()
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode))
     with contextlib.suppress(AttributeError):  # in a notebook, it is no file

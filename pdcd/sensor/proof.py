@@ -94,11 +94,11 @@ def check_samples(
     return ()
 
 
-def check_zeros(samples: NDArray[np.generic], name: str) -> None:
-    """Refuse neighbours that are all zero where the others never are, in a file whose black is
-    zero: noise that reaches zero makes both.
+def check_zeros(samples: NDArray[np.generic], name: str, *, packed: bool) -> tuple[str, ...]:
+    """Look for neighbours that are all zero where the others never are, in a file whose black is
+    zero: noise that reaches zero makes both. Such are refused, or said.
 
-    samples : as of `check_samples`. Raises DecodeError.
+    samples, packed : as of `check_samples`. Raises DecodeError.
     """
     for plane in samples:
         lit = _blocks(plane) != 0.0
@@ -106,11 +106,16 @@ def check_zeros(samples: NDArray[np.generic], name: str) -> None:
         mixed = int(np.count_nonzero(~empty & ~full))
         if empty.sum() >= _ABSENT and full.any() and mixed <= max(1, _MIXED_SHARE * empty.size):
             first = int(np.flatnonzero(empty)[0]) * _BLOCK_QUADS // plane.shape[1]
-            raise DecodeError(
-                f"cannot decode {name}: not all samples are in it, {int(empty.sum())} times "
-                f"{_BLOCK_QUADS} of a colour are zero, from row {2 * first} on",
-                hint=_AGAIN,
+            said = (
+                f"{int(empty.sum())} times {_BLOCK_QUADS} of a colour are zero, from row "
+                f"{2 * first} on"
             )
+            if packed:
+                raise DecodeError(
+                    f"cannot decode {name}: not all samples are in it, {said}", hint=_AGAIN
+                )
+            return (f"{said}: black, or not in the file",)
+    return ()
 
 
 def check_hole(hole_bytes: int, even: int, name: str) -> None:

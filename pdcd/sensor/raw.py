@@ -292,8 +292,8 @@ def _check_frame(raw: RawInput, mosaic: Mosaic, frame: RawFrame) -> tuple[str, .
     odd = check_samples(frame.samples, mosaic.black, mosaic.white, raw.name, packed=packed)
     # Cameras without noise write a DNG of whole numbers in one piece.
     plain = raw.form is not None and len(raw.form.pieces) == 1 and not raw.form.floating
-    if not plain and not mosaic.black.any():
-        check_zeros(frame.samples, raw.name)
+    if not mosaic.black.any():
+        odd += check_zeros(frame.samples, raw.name, packed=not plain)
     if hole := measure_hole(raw.data, raw.found):
         top = 0.98 * float(frame.samples.max())
         light = frame.samples

@@ -1,7 +1,8 @@
 """Is all of a RAW file there? By what its own headers say, whatever it is built on.
 
 A decoder fills what it does not find with what lies in memory, and a file that is still being
-written may have its full length with nothing in it. Sources: TIFF 6.0; ISO 14496-12 (boxes of CR3);
+written may have its full length with nothing in it: Windows, network shares and download tools make
+it so first, and fill it later. Sources: TIFF 6.0; ISO 14496-12 (boxes of CR3);
 the public descriptions of RAF and RW2.
 """
 
@@ -23,6 +24,9 @@ _BLOCK_BYTES = 1024
 """Holes are looked for in steps of this."""
 _HOLE_BYTES = 128 * _BLOCK_BYTES
 """Zeros in a row that no padding has; of small files a 64th of the data, and 4 KiB at least."""
+_GAP_BYTES, _END_BYTES = 2**16, 2**12
+"""So many zeros amid samples, or at their end, are samples that are still to come: real ones have
+noise, and packed ones end with a mark."""
 _RW2_BLOCKS = {4: (14, 14), 5: (10, 9), 6: (14, 11), 7: (10, 9)}
 """Samples in 16 bytes by RW2's number of its way to pack them: of 12 bits, and of more. Those of
 5 fill up the last bytes of a row, others leave them out."""
@@ -49,15 +53,7 @@ def check_whole(data: bytes, tags: TiffTags | None, name: str) -> RawData:
 
     tags : what `read_tags` makes of it. For `pdcd.sensor.mosaic`, before it looks at anything else.
     """
-    needs = 0
-    if tags is None:
-        found, needs = _find_other(data)
-    elif data[:4] == b"IIU\0":
-        found, needs = _find_rw2(data, tags)
-    else:
-        found = _find_tiff(tags)
-    if tags is not None:
-        needs = max(needs, tags.needs_bytes)
+    found, needs = _find_parts(data, tags)
     if needs > len(data):
         raise DecodeError(
             f"cannot decode {name}: it is not whole, {len(data)} bytes of {needs}",
@@ -66,6 +62,47 @@ def check_whole(data: bytes, tags: TiffTags | None, name: str) -> RawData:
     for offset, size in found.jpegs:
         check_lossless_jpeg(data[offset : offset + size], 1, "its image", name)
     return found
+
+
+def find_gap(data: bytes) -> str:
+    """What of a file is not there yet, in words; "" where all may be.
+
+    For drivers that find files which something else writes. Of a form that is not known all of it
+    is looked at.
+    """
+    if not data:
+        return "it is empty"
+    tags = read_tags(data)
+    found, needs = _find_parts(data, tags)
+    if needs > len(data):
+        return f"it has {len(data)} bytes and speaks of {needs}"
+    parts = list(found.parts) or [(0, len(data))]
+    tiff_parts = tags is not None and found.sure
+    if tags is not None and tiff_parts:  # previews, too
+        parts = [part for directory in tags.directories for part in _list_parts(directory)]
+    for offset, size in parts:
+        if why := _find_zeros(data[offset : offset + size], _END_BYTES if tiff_parts else 0):
+            return why
+    return ""
+
+
+def _find_zeros(part: bytes, end_bytes: int) -> str:
+    """Where samples are still zeros, in words."""
+    if end_bytes and part and not np.frombuffer(part[-end_bytes:], np.uint8).any():
+        return "its samples end with zeros, as of a file that is still being filled"
+    blocks = len(part) // _GAP_BYTES
+    filled = np.frombuffer(part[: blocks * _GAP_BYTES], np.uint8).reshape(blocks, _GAP_BYTES)
+    if filled.any(axis=1).all():
+        return ""
+    return "there are only zeros amid its samples, as of a file that is still being filled"
+
+
+def _find_parts(data: bytes, tags: TiffTags | None) -> tuple[RawData, int]:
+    """Where packed samples lie, and how many bytes the headers speak of."""
+    if tags is None:
+        return _find_other(data)
+    found, needs = _find_rw2(data, tags) if data[:4] == b"IIU\0" else (_find_tiff(tags), 0)
+    return found, max(needs, tags.needs_bytes)
 
 
 def find_stop_tags(data: bytes, tags: TiffTags | None) -> TiffTags | None:

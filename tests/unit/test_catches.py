@@ -20,6 +20,7 @@ ALLOWED = {
     "drivers/virtual_genicam/camera.py::VirtualGenicamCamera._end": "a thread: no frame comes",
     "pdcd/api/task.py::take_capture": "a capture of a sweep: the others go on",
     "pdcd/bench/registry.py::_import": "a stranger's module, raised as a driver that is none",
+    "pdcd/bench/registry.py::name_driver_errors": "a stranger's driver, raised as its device",
     "pdcd/child.py::MessageLine._decoded": "what a child says may be anything: the talk ends",
     "pdcd/capture/check.py::_Check._try": "a stranger's driver: the check tells what it found",
     "pdcd/capture/engine.py::Engine.capture": "a job ends, the daemon stays",

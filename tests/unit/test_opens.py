@@ -30,6 +30,7 @@ OWN = {
     "pdcd/cli/starting.py: log.open": "the log of a child, in a folder of its own",
     "pdcd/cli/streams.py: open": "/dev/null",
     "pdcd/cli/streams.py: os.open": "/dev/null",
+    "pdcd/printable.py: os.open": "/dev/null",
     "pdcd/extras.py: read_text": "the Makefile of the program",
     "pdcd/pages/render.py: read_text": "a template of the program",
     "pdcd/pictures/written/export.py: read_bytes": "a scratch file that was written just now",

@@ -45,6 +45,23 @@ def test_black_that_did_not_come_is_not_told_as_done(
     assert bench_rig.bench_of(engine).panels_black
 
 
+@pytest.mark.parametrize("device", ["display.play", "shutter.open", "readout.fetch"])
+def test_a_driver_that_would_end_the_program_ends_its_job(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch, device: str
+) -> None:
+    def leave(*_: object) -> None:
+        raise SystemExit(3)
+
+    role, _, method = device.partition(".")
+    monkeypatch.setattr(getattr(engine._rig, role), method, leave)
+    result = bench_rig.capture(engine, CaptureRequest(goal="white", codes=4))
+    assert result.state == "failed" and result.error is not None
+    assert result.error["message"] == "SystemExit: 3"
+    monkeypatch.undo()
+    assert not bench_rig.bench_of(engine).shutter_open
+    assert bench_rig.capture(engine, CaptureRequest(goal="white", codes=4), "b").state == "done"
+
+
 @pytest.mark.parametrize("wanted", [True, False])
 @pytest.mark.parametrize(("device", "method"), [("display", "black"), ("shutter", "close")])
 def test_a_job_after_which_the_rig_is_not_safe_says_so(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import groupby
@@ -51,7 +53,7 @@ def one_code() -> Frames:
 class Failing:
     """Raises at the first calls, then does what it stands for."""
 
-    def __init__(self, real: Callable[[], Any], error: Exception, times: int) -> None:
+    def __init__(self, real: Callable[[], Any], error: BaseException, times: int) -> None:
         self.real, self.error, self.left = real, error, times
         self.calls = 0
 
@@ -64,19 +66,27 @@ class Failing:
 
 
 def failing(
-    monkeypatch: pytest.MonkeyPatch, device: Any, method: str, error: Exception, times: int
+    monkeypatch: pytest.MonkeyPatch, device: Any, method: str, error: BaseException, times: int
 ) -> Failing:
     made = Failing(getattr(device, method), error, times)
     monkeypatch.setattr(device, method, made)
     return made
 
 
-ANY = [DeviceLost("gone", device="display"), RuntimeError("a fault of the program"), OSError(5)]
+ANY = [
+    DeviceLost("gone", device="display"),
+    RuntimeError("a fault of the program"),
+    OSError(5),
+    SystemExit("no licence"),
+]
 
 
 @pytest.mark.parametrize("error", ANY, ids=lambda e: type(e).__name__)
 def test_panels_that_never_go_black_do_not_keep_the_shutter_open(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, error: Exception
+    rig: Rig,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    error: BaseException,
 ) -> None:
     """Any error at all, not only those of our own tree."""
     rig.shutter.open()
@@ -115,11 +125,13 @@ def test_panels_go_black_before_the_shutter_closes(
 
 
 @pytest.mark.parametrize(
-    "error", [DeviceLost("gone", device="camera"), OSError(5, "unplugged"), RuntimeError("a fault")]
-)
+    "error",
+    [DeviceLost("gone", device="camera"), OSError(5, "unplugged"), RuntimeError("a fault"),
+     SystemExit(3)],
+)  # fmt: skip
 @pytest.mark.parametrize("broken", ["readout", "shutter", "display"])
 def test_a_device_that_is_not_released_does_not_keep_the_others(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch, broken: str, error: Exception
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, broken: str, error: BaseException
 ) -> None:
     released: list[str] = []
     for name in ("readout", "shutter", "display"):
@@ -127,6 +139,28 @@ def test_a_device_that_is_not_released_does_not_keep_the_others(
         monkeypatch.setattr(getattr(rig, name), "disconnect", done)
     rig.disconnect()
     assert released == [n for n in ("readout", "shutter", "display") if n != broken]
+
+
+@pytest.mark.parametrize("error", [SystemExit("no licence"), RuntimeError("a fault")])
+@pytest.mark.parametrize("broken", ["readout", "shutter", "display"])
+def test_a_driver_that_cannot_be_opened_is_named_and_the_others_are_released(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, broken: str, error: BaseException
+) -> None:
+    failing(monkeypatch, getattr(rig, broken), "connect", error, 1)
+    with pytest.raises(DeviceLost, match=f"{broken}: its driver failed: {type(error).__name__}: "):
+        rig.connect()
+    assert bench_rig.bench_of_rig(rig).panels_black
+    rig.connect()
+
+
+def test_a_stream_that_a_driver_closes_is_no_file_of_the_run(rig: Rig) -> None:
+    """Of the process' own, which a child tries."""
+    code = (
+        "import os; os.close(1); from pdcd.printable import keep_standard_streams;"
+        "keep_standard_streams(); os.write(2, os.readlink('/proc/self/fd/1').encode())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert done.stderr == b"/dev/null"
 
 
 class Watched:

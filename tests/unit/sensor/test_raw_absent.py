@@ -18,7 +18,7 @@ from pdcd.errors import DecodeError
 from pdcd.sensor import mosaic
 from pdcd.sensor.raw import read_raw, read_raw_head
 from pdcd.sensor.tiff import read_tags
-from pdcd.sensor.whole import check_whole
+from pdcd.sensor.whole import check_whole, find_gap
 from tests.cr2 import write_cr2
 from tests.form_dng import BYTE, LONG, RATIONAL, SHORT, DngFile, Tag, write_dng_form
 
@@ -136,7 +136,11 @@ def test_dark_rows_are_samples(tmp_path: Path) -> None:
     assert read_raw(tmp_path / "a.dng").planes[:, 30:].mean() < 1.0
     dark[40:] = 0
     write_dng_form(tmp_path / "a.dng", dark, replace(PLAIN, black=((0.0,),)))
-    assert not read_raw(tmp_path / "a.dng").planes[:, 30:].any()
+    frame = read_raw(tmp_path / "a.dng")
+    assert not frame.planes[:, 30:].any()
+    assert frame.doubts == (
+        f"{44 * 96 // 32} times 32 of a colour are zero, from row 40 on: black, or not in the file",
+    )
     dark[:] = 1000  # a flat picture without noise
     for file in (PLAIN, JPEG):
         write_dng_form(tmp_path / "a.dng", dark, file)
@@ -238,6 +242,16 @@ def test_an_rw2_is_as_long_as_its_samples(tmp_path: Path, bits: int) -> None:
         assert "it is not whole" in refused(path, rw2(whole[:size], bits))
     # Up to the block that its bytes are turned in nothing but the decoder itself tells.
     assert "come from memory" in refused(path, rw2(whole[:needs], bits))
+
+
+def test_what_is_still_to_come_of_a_file_without_lengths() -> None:
+    """Padding at the end is none of it."""
+    whole = RNG.integers(1, 256, 11 * 0x4000, np.uint8).tobytes()
+    assert find_gap(rw2(whole + bytes(0x2000), 12)) == ""
+    assert "only zeros amid" in find_gap(rw2(whole[:0x8000] + bytes(len(whole) - 0x8000), 12))
+    assert "speaks of" in find_gap(rw2(whole[:0x8000], 12))
+    assert find_gap(b"\xa5" * 2**18) == "" and "only zeros" in find_gap(b"x" + bytes(2**18))
+    assert find_gap(b"") == "it is empty"
 
 
 def raf(samples: int) -> bytes:
