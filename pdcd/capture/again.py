@@ -132,8 +132,9 @@ def _computed(study: CalibrationStudy, step: StepRecord) -> StepRecord:
             continue
         if not photos or photos[0].name != wanted.name:
             raise CalibrationError(
-                f"step {step.name} now asks for a photo {wanted.name} that is not there",
-                hint="compute it again with the version of pdcd that made it",
+                f"step {step.name} of this pdcd takes a photo {wanted.name}, which the one that "
+                "made the folder did not",
+                hint=f"compute it again with that version, or pdcd calibrate {step.name} anew",
             )
         wanted = study.photo(photos.pop(0))
     return wanted.step

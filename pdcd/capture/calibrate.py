@@ -197,10 +197,8 @@ class CalibrationRun:
             number += 1
             try:
                 done = self._expose(wanted, settings)
-            except SyncError as err:  # the display gave up
-                cause, spoilt = err.message, spoilt + 1
-            except PhotoError as err:
-                if spoilt == self.config.rig.retries:
+            except (SyncError, PhotoError) as err:  # the display gave up, or the photo was lost
+                if spoilt == self.config.rig.retries and isinstance(err, PhotoError):
                     raise
                 cause, spoilt = err.message, spoilt + 1
             else:

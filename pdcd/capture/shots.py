@@ -132,18 +132,13 @@ class ShotTaker:
             number += 1
             try:
                 done, doubt = self._expose(wanted)
-            except SyncError as err:
-                if rig.on_miss == "flag":
+            except (SyncError, PhotoError) as err:
+                if rig.on_miss == "flag" and isinstance(err, SyncError):
                     raise
-                cause = err.message
-                name = folder.set_aside(shot, number)
-                spoilt += 1
-            except PhotoError as err:
-                if spoilt == rig.retries:
+                if spoilt == rig.retries and isinstance(err, PhotoError):
                     raise
-                cause = err.message
+                cause, spoilt = err.message, spoilt + 1
                 name = folder.set_aside(shot, number)
-                spoilt += 1
             else:
                 level, harm = self._level(wanted.frames, done.log)
                 sound = level == 1.0 if wanted.even else level is not None
@@ -187,16 +182,11 @@ class ShotTaker:
             number += 1
             try:
                 done, cause = self._expose(wanted)
-            except SyncError as err:
-                spoilt += 1
-                if rig.on_miss == "flag" or spoilt > rig.retries:
+            except (SyncError, PhotoError) as err:
+                flagged = rig.on_miss == "flag" and isinstance(err, SyncError)
+                if flagged or spoilt == rig.retries:
                     raise
-                cause = err.message
-            except PhotoError as err:
-                spoilt += 1
-                if spoilt > rig.retries:
-                    raise
-                cause = err.message
+                cause, spoilt = err.message, spoilt + 1
             else:
                 if not cause or doubted:
                     if cause:
