@@ -49,6 +49,13 @@ _PR_SET_PDEATHSIG = 1
 """Of sys/prctl.h: the signal that comes when the parent's thread that started this process ends."""
 
 
+def list_end_signals() -> list[signal.Signals]:
+    """Signals by which somebody wants this process to end; a terminal that closes is none where it
+    is not to be heard (nohup)."""
+    heard = signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
+    return [signal.SIGTERM, signal.SIGINT, *([signal.SIGHUP] if heard else [])]
+
+
 class LineClosedError(Exception):
     """The other side of a line is gone."""
 

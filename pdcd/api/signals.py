@@ -8,13 +8,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from pdcd.child import list_end_signals
+
 _Handler = Callable[[int, FrameType | None], object]
 
 
 @contextmanager
 def send_signals_to(handler: _Handler) -> Iterator[None]:
-    """Send SIGINT and SIGTERM to `handler` for a while. For the main thread only."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
+    """Send SIGINT, SIGTERM and SIGHUP to `handler` for a while. For the main thread only."""
+    numbers = list_end_signals()
     before = [signal.signal(number, handler) for number in numbers]
     try:
         yield
@@ -25,7 +27,7 @@ def send_signals_to(handler: _Handler) -> Iterator[None]:
 
 @contextmanager
 def hold_signals(*, raises: bool = False, delivers: bool = True) -> Iterator[Callable[[], bool]]:
-    """Hold SIGINT and SIGTERM back until the context is left, and deliver them then.
+    """Hold SIGINT, SIGTERM and SIGHUP back until the context is left, and deliver them then.
 
     Yields what tells whether one came. With `raises` it raises KeyboardInterrupt inside as well; a
     second one always does. Without `delivers` none is delivered: the job's end says enough. In a

@@ -58,7 +58,7 @@ def run_daemon(
     engine_factory: _EngineFactory,
     verbose: bool = False,
 ) -> int:
-    """Serve until SIGTERM or SIGINT; returns the exit code.
+    """Serve until SIGTERM, SIGINT or SIGHUP; returns the exit code.
 
     `socket` overrides the path in the configuration; a socket passed by the service manager
     overrides both. `verbose` logs everything at a terminal, too. 0: ended on a signal; 2: the

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pdcd.child import WORDS, Child, start_child
+from pdcd.child import WORDS, Child, list_end_signals, start_child
 from pdcd.errors import PdcdError
 from pdcd.server.jobs import EngineLike
 from pdcd.server.worker import ENGINE_THREAD
@@ -83,8 +83,8 @@ class Ending:
 
 @contextmanager
 def catch_end(told: Callable[[], object]) -> Iterator[Ending]:
-    """Call `told()` in the main thread, its own, when SIGTERM or SIGINT comes, and see that the
-    process ends in time then, also where its interpreter is held."""
+    """Call `told()` in the main thread, its own, when it is to end (`list_end_signals`), and see
+    that the process ends in time then, also where its interpreter is held."""
     ending, came = Ending(), False
 
     def handle(_number: int, _frame: object) -> None:
@@ -93,7 +93,7 @@ def catch_end(told: Callable[[], object]) -> Iterator[Ending]:
         ending.begin()
         told()
 
-    before = {number: signal.signal(number, handle) for number in (signal.SIGTERM, signal.SIGINT)}
+    before = {number: signal.signal(number, handle) for number in list_end_signals()}
     keeper = _start_keeper()
     try:
         yield ending

@@ -14,7 +14,7 @@ import signal
 import socket
 import sys
 
-_ENDS = frozenset({signal.SIGTERM, signal.SIGINT})
+_ENDS = frozenset({signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
 
 
 def keep_daemon(daemon: int, within_s: float, line: socket.socket) -> None:

@@ -86,7 +86,7 @@ def last_event(folder: Path, job: str) -> dict[str, Any]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_signal_mid_exposure_ends_black_and_closed(tmp_path: Path, number: signal.Signals) -> None:
     with daemon(tmp_path, rig=RigConfig(clock="real")) as (process, socket):
         with connect(socket) as client:

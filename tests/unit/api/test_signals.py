@@ -11,7 +11,7 @@ from pdcd.api.signals import hold_signals
 
 
 def test_interrupts_are_held_back_and_delivered_after() -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         got: list[int] = []
 
         def note(came: int, frame: object, got: list[int] = got) -> None:
@@ -50,3 +50,13 @@ def test_in_another_thread_nothing_is_held_back() -> None:
     thread.start()
     thread.join()
     assert found == [False]
+
+
+def test_a_terminal_that_closes_is_not_heard_where_it_is_not_to_be() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        with hold_signals() as came:
+            signal.raise_signal(signal.SIGHUP)
+            assert not came()
+    finally:
+        signal.signal(signal.SIGHUP, before)
