@@ -295,9 +295,9 @@ def _check_frame(raw: RawInput, mosaic: Mosaic, frame: RawFrame) -> tuple[str, .
     if not mosaic.black.any():
         odd += check_zeros(frame.samples, raw.name, packed=not plain)
     if hole := measure_hole(raw.data, raw.found):
-        top = 0.98 * float(frame.samples.max())
-        light = frame.samples
-        even = int(np.count_nonzero((light >= top) | (light <= mosaic.black[:, None, None] + 1.0)))
+        light, black = frame.samples, mosaic.black[:, None, None]
+        clipped = light == light.max(axis=(1, 2), keepdims=True)  # others have noise
+        even = int(np.count_nonzero(clipped | (light <= black + 1.0)))
         check_hole(hole, even, raw.name)
     return odd
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rawpy
+from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
 from pdcd.sensor import mosaic
@@ -107,9 +108,16 @@ def test_samples_that_look_like_fresh_memory_are_samples(tmp_path: Path) -> None
         assert (read_raw(tmp_path / "a.dng").planes[:, 20:] == 0xA5A5 - 256).all()
 
 
+BRIGHT = RNG.integers(13800, 14000, SHAPE).astype(np.uint16)
+"""A hole keeps on one number, which is no white one, however high it is."""
+
+
 @pytest.mark.parametrize("file", [JPEG, TILES])
-def test_a_hole_in_the_middle_of_compressed_samples(tmp_path: Path, file: DngFile) -> None:
-    data = bytearray(write_dng_form(tmp_path / "a.dng", NOISE, file))
+@pytest.mark.parametrize("image", [NOISE, BRIGHT], ids=["noise", "bright"])
+def test_a_hole_in_the_middle_of_compressed_samples(
+    tmp_path: Path, file: DngFile, image: NDArray[np.uint16]
+) -> None:
+    data = bytearray(write_dng_form(tmp_path / "a.dng", image, file))
     offset, size = parts_of(data)[0]
     start = -(-(offset + size // 3) // 1024) * 1024
     data[start : start + size // 2] = bytes(size // 2)
