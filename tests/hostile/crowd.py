@@ -59,7 +59,7 @@ class Outcome:
     """Longest silence of the heart beat."""
     end_s: float = 0.0
     """From SIGTERM, amid an exposure, to the end of the daemon."""
-    lit: tuple[bool, bool] = (False, False)
+    lit: tuple[bool, ...] = ()
     """Whether panels were lit and the shutter open once it had ended, where that can be seen."""
 
     def broken(self) -> list[str]:
