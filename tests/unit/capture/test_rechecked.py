@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ import pytest
 
 from pdcd.capture.engine import Engine
 from pdcd.errors import ExposureError, NoSpaceError
+from pdcd.files import put
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import RunFolder, read_manifest
@@ -72,3 +75,23 @@ def test_a_disk_that_is_full_after_the_last_photo_loses_none(
     assert error["hint"] == (
         f"all RAW files are safe: free some space and run pdcd decode --partial {result.folder}"
     )
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
+def test_a_report_that_the_disk_does_not_take_costs_the_page_and_one_line(
+    engine: Engine,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    number: int,
+) -> None:
+    """And no traceback: that is for faults of the program."""
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(put, "write_atomic", refuse)
+    result = engine.capture(
+        WHITE, job="job", emit=lambda _: None, cancelled=lambda: False, report=True
+    )
+    (line,) = [record for record in caplog.records if "no report was made" in record.getMessage()]
+    assert result.state == "done" and not line.exc_info
