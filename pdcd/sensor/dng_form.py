@@ -82,6 +82,8 @@ def read_dng_form(tags: TiffTags, name: str) -> DngForm | None:
     packing = _one(main, tiff.COMPRESSION, 1)
     if packing not in PLAIN + JPEG + DEFLATE:
         raise make_packed(name, _PACKINGS.get(packing, f"number {packing}"))
+    if any({*read_numbers(main, tag)} - {1} for tag in tiff.INTERLEAVES):
+        raise make_packed(name, "its rows, columns or blocks in another order")
     bits, kind = _one(main, tiff.BITS, 16), _one(main, tiff.SAMPLE_FORMAT, 1)
     floating, predictor = kind == 3, _one(main, tiff.PREDICTOR, 1)
     real = bits in (16, 24, 32) and packing not in JPEG and predictor in (1, 3, 34894, 34895)

@@ -401,6 +401,9 @@ def test_a_border_with_a_picture_on_it_is_not_dark(tmp_path: Path) -> None:
          "of a quad Bayer sensor"),
         ({33422: (BYTE, [1, 6, 3, 0])}, "of a mosaic of 2 x 2 places, GWCR"),
         ({50711: (SHORT, [2])}, "in staggered rows"),
+        ({50974: (SHORT, [2, 2])}, "packed with its rows, columns or blocks in another order"),
+        ({50975: (SHORT, [2])}, "packed with its rows, columns or blocks in another order"),
+        ({52547: (LONG, [2])}, "packed with its rows, columns or blocks in another order"),
         ({258: (SHORT, [32])}, "32-bit samples of format 1"),
     ],
 )  # fmt: skip
