@@ -34,7 +34,9 @@ _MIXED_SHARE = 0.02
 _PER_ZERO = 0.5
 """Least white or black samples that a byte of zeros can stand for."""
 _AGAIN = "fetch it from the camera again"
-_lock = threading.Lock()
+_turn = threading.Condition()
+_users: dict[int, int] = {}
+"""Threads that decode now, by what they want fresh memory to be filled with: all want one thing."""
 
 
 def decode_proven(
@@ -52,13 +54,12 @@ def decode_proven(
     compare in any case; else only where some sample is what the memory was filled with. Raises
     DecodeError.
     """
-    with _lock:
-        with _fresh_memory(_FILLINGS[0]):
-            found = first()
-        if not twice and not np.any(found[used] == _UNTOUCHED):
-            return found
-        with _fresh_memory(_FILLINGS[1]):
-            other = again()
+    with _fresh_memory(_FILLINGS[0]):
+        found = first()
+    if not twice and not np.any(found[used] == _UNTOUCHED):
+        return found
+    with _fresh_memory(_FILLINGS[1]):
+        other = again()
     if not np.array_equal(found[used], other[used]):
         raise DecodeError(
             f"cannot decode {name}: not all samples are in it, some come from memory", hint=_AGAIN
@@ -158,13 +159,19 @@ def _blocks(rows: NDArray[np.generic]) -> NDArray[np.float64]:
 
 @contextmanager
 def _fresh_memory(filling: int) -> Iterator[None]:
-    """Have new memory filled with a byte; where the C library cannot, nothing is done."""
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is None:
-        yield
-        return
-    mallopt(_M_PERTURB, filling)
+    """Have new memory filled with a byte, beside all who want the same one and after all who want
+    another; where the C library cannot, nothing is done."""
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)
+    with _turn:
+        _turn.wait_for(lambda: not _users or filling in _users)
+        _users[filling] = _users.get(filling, 0) + 1
+        mallopt(_M_PERTURB, filling)
     try:
         yield
     finally:
-        mallopt(_M_PERTURB, 0)
+        with _turn:
+            _users[filling] -= 1
+            if not _users[filling]:
+                del _users[filling]
+                mallopt(_M_PERTURB, 0)
+                _turn.notify_all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ import rawpy
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
-from pdcd.sensor import mosaic
+from pdcd.sensor import mosaic, proof
 from pdcd.sensor.raw import read_raw, read_raw_head
 from pdcd.sensor.tiff import read_tags
 from pdcd.sensor.whole import check_whole, find_gap
@@ -97,6 +98,30 @@ def test_a_jpeg_that_the_decoder_does_not_begin_holds_nothing_of_the_photo_befor
     place = data.rfind(mark) + at
     data = data[:place] + harm + data[place + len(harm) :]
     assert "some come from memory" in refused(tmp_path / "a.dng", data)
+
+
+def test_photos_are_decoded_beside_each_other_and_fresh_memory_is_filled_with_one_thing() -> None:
+    together, waits = threading.Barrier(2, timeout=30.0), threading.Event()
+    seen: list[set[int]] = []
+
+    def decode(filling: int, barrier: threading.Barrier | None) -> None:
+        waits.set()
+        with proof._fresh_memory(filling):
+            if barrier:
+                barrier.wait()
+            seen.append({*proof._users})
+
+    with proof._fresh_memory(1):
+        first = threading.Thread(target=decode, args=(1, together))
+        first.start()
+        waits.wait()
+        other = threading.Thread(target=decode, args=(2, None))
+        other.start()
+        together.wait()
+        first.join()
+        assert seen == [{1}]
+    other.join()
+    assert seen == [{1}, {2}] and not proof._users
 
 
 def test_samples_that_look_like_fresh_memory_are_samples(tmp_path: Path) -> None:
