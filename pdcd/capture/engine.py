@@ -71,7 +71,9 @@ def _never() -> bool:
 
 
 def _failure(err: BaseException, what: str, job: str) -> PdcdError:
-    """What a job ended by; a fault of the program is logged, and told as one."""
+    """What a job ended by; a fault of the program is logged, and told as one. Raises interrupts."""
+    if isinstance(err, KeyboardInterrupt):
+        raise err
     typed = to_typed_error(err)
     if typed is not err:
         logger.error("%s failed job=%s", what, job, exc_info=err)
@@ -339,8 +341,6 @@ class Engine:
                     self._config, self._rig, self._profile, self._worker, folder, ordered, notes
                 )
                 result = run.execute(self.describe())
-            except KeyboardInterrupt:
-                raise
             except BaseException as err:
                 failure = _failure(err, "capture", job)
             finally:
@@ -391,8 +391,6 @@ class Engine:
                 finally:
                     if out is not None and run.ended_whole and folder.where is not None:
                         link_calibration(folder.where, self._calibrations)
-            except KeyboardInterrupt:
-                raise
             except BaseException as err:
                 failure = _failure(err, "calibration", job)
             finally:

@@ -62,6 +62,19 @@ def test_a_driver_that_would_end_the_program_ends_its_job(
     assert bench_rig.capture(engine, CaptureRequest(goal="white", codes=4), "b").state == "done"
 
 
+def test_an_interrupt_is_felt_after_the_rig_is_safe(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(engine._rig.display, "play", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        bench_rig.capture(engine, CaptureRequest(goal="white", codes=4))
+    bench = bench_rig.bench_of(engine)
+    assert bench.panels_black and not bench.shutter_open
+
+
 @pytest.mark.parametrize("wanted", [True, False])
 @pytest.mark.parametrize(("device", "method"), [("display", "black"), ("shutter", "close")])
 def test_a_job_after_which_the_rig_is_not_safe_says_so(
