@@ -55,14 +55,18 @@ Options and what a doctor says
     `Finding`, `fault`   one line of `pdcd doctor`; the line that an error makes
 
 Errors: a driver raises these and no others
-    `ConfigError`        a setting is wrong, or the device does not offer it `DriverUnavailable`
-    what the driver needs is not installed `DeviceLost`         the device does not answer
-    `SyncError`          the panels missed refreshes, or cannot be kept in step `ExposureError`
-    the shutter or the exposure went wrong, or no photo came; `PhotoError` where only the photo was
-    lost, and taking it again may do `DecodeError`        a file that the
-    camera sent cannot be read `NoSpaceError`, `DiskError`                  the disk;
-    `disk_errors` turns OSError into them `Cancelled`          `cancelled()` was true while
-    frames were shown `PdcdError`          the base of all
+    `ConfigError`        a setting is wrong, or the device does not offer it
+    `DriverUnavailable`  what the driver needs is not installed
+    `DeviceLost`         the device does not answer
+    `SyncError`          the panels missed refreshes, or cannot be kept in step
+    `ExposureError`      the shutter or the exposure went wrong, or no photo came; `PhotoError`
+    where only the photo was lost, and taking it again may do
+    `DecodeError`        a file that the camera sent cannot be read
+    `NoSpaceError`, `DiskError`    the disk; `disk_errors` turns OSError into them
+    `Cancelled`          `cancelled()` was true while frames were shown
+    `PdcdError`          the base of all
+
+`pdcd.testing` holds all that these roles promise against a driver of yours.
 
 Each name brings what it needs when it is first used, so that a process that guards a shutter need
 not load what reads photos.

@@ -36,6 +36,9 @@ F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
 _STOP_NEAR = 0.03
 """A number so close to a third stop is the engraving of that one."""
 
+_STOP_OFF = 0.07
+"""A number further from every stop than half a third is none that the lens has."""
+
 _READOUT_S = 0.2
 """Time from the end of the exposure until the file is there."""
 
@@ -187,24 +190,35 @@ class MockReadout:
 
     def connect(self) -> CameraInfo:
         """Report the sensor profile's ISOs and a lens with every aperture."""
-        fixed = self._config.f_number
         return CameraInfo(
             model=f"mock {self._sensor.profile.name}",
             serial="virtual",
             profile=self._config.profile,
             responsivity_e=self._sensor.responsivity_e,
             isos=self._sensor.profile.isos,
-            f_numbers=F_NUMBERS if fixed == "auto" else (float(fixed),),
+            f_numbers=self._f_numbers,
             frame_quads=self._sensor.frame_quads,
             readout_s=0.0,
         )
 
+    @property
+    def _f_numbers(self) -> tuple[float, ...]:
+        fixed = self._config.f_number
+        return F_NUMBERS if fixed == "auto" else (float(fixed),)
+
     def arm(self, settings: CameraSettings) -> None:
-        """Take over the settings; ConfigError when the profile lacks the ISO."""
+        """Take over the settings; ConfigError when the profile lacks the ISO, or the lens the
+        stop."""
         self._sensor.profile.row(settings.iso)
         if settings.f_number is None:
             raise ConfigError(
                 "the mock lens has no ring to leave alone", device="camera", hint="set f_number"
+            )
+        if all(abs(stop / settings.f_number - 1.0) > _STOP_OFF for stop in self._f_numbers):
+            raise ConfigError(
+                f"the mock lens has no f/{settings.f_number:g}",
+                device="camera",
+                hint="take " + " to ".join(f"f/{f:g}" for f in sorted({*self._f_numbers[::48]})),
             )
         self._settings = settings
 

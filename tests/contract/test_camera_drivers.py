@@ -13,19 +13,19 @@ import os
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from pdcd.bench.config import load_config
-from pdcd.bench.devices import CameraSettings
+from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import CameraConfig, TriggerConfig
 from pdcd.capture.rig import Rig
-from pdcd.sensor.raw import read_raw
+from pdcd.testing import ReadoutContract, ShutterContract, make_rig
 from tests import bench_rig
-from tests.contract.test_camera import ReadoutContract, ShutterContract, expose, fetched
 from tests.dng_file import write_dng
 from tests.fake_serial import Edge, fake_line
+from tests.fake_serial.lines import LINES
 
 BENCH = "PDCD_TEST_CONFIG"
 
@@ -60,74 +60,73 @@ class Camera:
             self._opened_ns = None
 
 
-@pytest.fixture
-def rig(tmp_path: Path) -> Iterator[Rig]:
-    """A rig with a cable release and a watched folder."""
-    folder = tmp_path / "card"
-    folder.mkdir()
-    config = bench_rig.config(
-        tmp_path,
-        trigger=TriggerConfig(driver="serial", options={"port": "line://cable"}),
-        camera=CameraConfig(
-            driver="folder",
-            f_number=8.0,
-            options={"folder": str(folder)},
-        ),
-    )
-    rig = Rig(config)
-    with fake_line("cable", rig.clock) as line:
-        line.on_edge = Camera(folder).listen
-        rig.connect()
-        yield rig
-        rig.disconnect()
+class OnACable:
+    """A cable release and a watched folder."""
+
+    @pytest.fixture
+    def rig(self, tmp_path: Path) -> Iterator[Rig]:
+        folder = tmp_path / "card"
+        folder.mkdir()
+        config = bench_rig.config(
+            tmp_path,
+            trigger=TriggerConfig(driver="serial", options={"port": "line://cable"}),
+            camera=CameraConfig(
+                driver="folder",
+                f_number=8.0,
+                options={"folder": str(folder)},
+            ),
+        )
+        rig = Rig(config)
+        with fake_line("cable", rig.clock) as line:
+            line.on_edge = Camera(folder).listen
+            rig.connect()
+            yield rig
+            rig.disconnect()
 
 
-class TestSerialShutter(ShutterContract):
+class TestSerialShutter(OnACable, ShutterContract):
     """On a fake line."""
 
+    def find_open(self, rig: Rig) -> bool:
+        return LINES["cable"].levels("rts")[-1:] == [True]
 
-class TestFolderReadout(ReadoutContract):
+
+class TestFolderReadout(OnACable, ReadoutContract):
     """With the cable release."""
 
-    def test_each_exposure_brings_its_own_file(self, rig: Rig, tmp_path: Path) -> None:
+    def test_each_exposure_brings_its_own_file(
+        self, rig: Rig, info: CameraInfo, tmp_path: Path
+    ) -> None:
         for number in (1, 2, 3):
-            expose(rig)
-            raw = fetched(rig, tmp_path, f"photo-{number}")
-            assert np.all(read_raw(raw.path).planes == number)
+            self.expose(rig, info)
+            frame = self.fetch(rig, info, tmp_path, f"photo-{number}")
+            assert np.all(frame.planes == number)
 
 
-class Hardware:
-    """Takes the rig from a configuration file."""
+class OnABench:
+    """What a configuration file names."""
+
+    roles: ClassVar[tuple[str, ...]]
 
     @pytest.fixture
     def rig(self) -> Iterator[Rig]:
         path = os.environ.get(BENCH)
         if path is None:
             pytest.skip(f"{BENCH} names no configuration of a bench")
-        rig = Rig(load_config(path))
-        rig.shutter.connect()
-        rig.readout.connect()
+        rig = make_rig(path)
+        for role in reversed(self.roles):
+            getattr(rig, role).connect()
         yield rig
-        rig.shutter.disconnect()
-        rig.readout.disconnect()
+        rig.disconnect()
 
 
 @pytest.mark.bench
-class TestRealShutter(Hardware, ShutterContract):
+class TestRealShutter(OnABench, ShutterContract):
     """The shutter of a bench."""
 
 
 @pytest.mark.bench
-class TestRealReadout(Hardware):
-    """The camera of a bench: what can be asked of one without knowing its settings."""
+class TestRealReadout(OnABench, ReadoutContract):
+    """The camera of a bench."""
 
-    def test_a_file_comes_home_whole(self, rig: Rig, tmp_path: Path) -> None:
-        info = rig.readout.connect()
-        rig.readout.arm(CameraSettings(min(info.isos), max(info.f_numbers, default=None)))
-        opened = rig.shutter.open()
-        rig.clock.sleep_until_ns(opened + 10**9)
-        rig.shutter.close()
-        raw = fetched(rig, tmp_path, "photo", rig.config.camera.fetch_timeout_s)
-        frame = read_raw(raw.path, sha256=raw.sha256, size_bytes=raw.size_bytes)
-        assert frame.iso in (0, min(info.isos))
-        assert frame.exposure_s == pytest.approx(1.0, abs=1.0)
+    exposure_s = 1.0

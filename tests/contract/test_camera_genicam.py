@@ -16,8 +16,8 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, RigConfig, TriggerConfig
 from pdcd.capture.rig import Rig
+from pdcd.testing import ReadoutContract, ShutterContract
 from tests import bench_rig
-from tests.contract.test_camera import ReadoutContract, ShutterContract
 from tests.genicam_rig import needs_aravis, turn
 
 BENCH = os.environ.get("PDCD_TEST_GENICAM")

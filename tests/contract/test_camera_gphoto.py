@@ -20,9 +20,9 @@ pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: see .venv/gphoto2.log
 from pdcd.bench.devices import CameraSettings
 from pdcd.bench.tables import CameraConfig, RigConfig, TriggerConfig
 from pdcd.capture.rig import Rig
-from pdcd.errors import ConfigError, DeviceLost, PdcdError
+from pdcd.errors import DeviceLost, PdcdError
+from pdcd.testing import ReadoutContract, ShutterContract
 from tests import bench_rig
-from tests.contract.test_camera import ReadoutContract, ShutterContract, expose
 from tests.places import ROOT
 
 
@@ -81,18 +81,18 @@ def camera() -> Iterator[Camera]:
         yield camera
 
 
-@pytest.fixture
-def rig(camera: Camera, tmp_path: Path) -> Iterator[Rig]:
-    """A rig with that camera."""
-    with connected(camera, tmp_path) as rig:
-        yield rig
+class OnThatCamera:
+    @pytest.fixture
+    def rig(self, camera: Camera, tmp_path: Path) -> Iterator[Rig]:
+        with connected(camera, tmp_path) as rig:
+            yield rig
 
 
-class TestGphotoShutter(ShutterContract):
+class TestGphotoShutter(OnThatCamera, ShutterContract):
     """Bulb."""
 
 
-class TestGphotoReadout(ReadoutContract):
+class TestGphotoReadout(OnThatCamera, ReadoutContract):
     """RAM capture."""
 
     def test_it_is_known_by_its_name_and_lists(self, rig: Rig) -> None:
@@ -100,15 +100,6 @@ class TestGphotoReadout(ReadoutContract):
         assert info.model == "Canon EOS 450D"
         assert info.isos == (100, 200, 400, 800, 1600)
         assert 8.0 in info.f_numbers
-
-    def test_iso_50_is_refused_with_the_list(self, rig: Rig) -> None:
-        with pytest.raises(ConfigError, match="100, 200, 400, 800, 1600"):
-            rig.readout.arm(CameraSettings(iso=50, f_number=8.0))
-
-    def test_several_exposures_in_one_session(self, rig: Rig, tmp_path: Path) -> None:
-        for number in range(3):
-            expose(rig, 0.1)
-            rig.readout.fetch(tmp_path, f"photo-{number}", 20.0)
 
     def test_no_file_of_ours_is_closed(self, rig: Rig) -> None:
         """libgphoto2 closes file descriptor 0 on its way out."""

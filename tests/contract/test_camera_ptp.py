@@ -15,8 +15,8 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, RigConfig, TriggerConfig
 from pdcd.capture.rig import Rig
+from pdcd.testing import ReadoutContract, ShutterContract
 from tests import bench_rig
-from tests.contract.test_camera import ReadoutContract, ShutterContract
 
 BENCH = os.environ.get("PDCD_TEST_PTP")
 on_a_bench = pytest.mark.skipif(not BENCH, reason="PDCD_TEST_PTP names no camera")

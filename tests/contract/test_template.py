@@ -19,8 +19,8 @@ from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.placing import Placing
 from pdcd.sensor.dng import write_photo_frame
 from pdcd.sensor.raw import read_raw
+from pdcd.testing import ShutterContract
 from tests import bench_rig
-from tests.contract.test_camera import ShutterContract
 from tests.fake_serial import FakeLine, fake_line
 from tests.panel_pixels import planned, random_frames, upright
 from tests.places import ROOT
@@ -51,16 +51,6 @@ def make(folder: Path, **options: object) -> Rig:
     return Rig(bench_rig.config(folder, trigger=trigger))
 
 
-@pytest.fixture
-def rig(tmp_path: Path, driver: None) -> Iterator[Rig]:
-    rig = make(tmp_path)
-    with fake_line("box", rig.clock) as line:
-        rig.shutter.connect()
-        yield rig
-        line.unplugged = False
-        rig.shutter.disconnect()
-
-
 def the_line() -> FakeLine:
     from tests.fake_serial.lines import LINES
 
@@ -69,6 +59,15 @@ def the_line() -> FakeLine:
 
 class TestTemplate(ShutterContract):
     """And what is the template's own."""
+
+    @pytest.fixture
+    def rig(self, tmp_path: Path, driver: None) -> Iterator[Rig]:
+        rig = make(tmp_path)
+        with fake_line("box", rig.clock) as line:
+            rig.shutter.connect()
+            yield rig
+            line.unplugged = False
+            rig.shutter.disconnect()
 
     def test_the_bytes_of_an_exposure(self, rig: Rig) -> None:
         rig.shutter.open()

@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 from drivers.x11 import X11Display
-from pdcd.bench.devices import Display
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.capture.rig import Rig
 from pdcd.capture.show import make_pattern_frames
@@ -27,34 +26,21 @@ from pdcd.presenter.client import DisplayProcess, make_open_request
 from pdcd.presenter.messages import Column
 from pdcd.presenter.timing import make_random_codes
 from pdcd.presenter.xgrab import RootGrabber
+from pdcd.testing import DisplayContract
 from tests import x11_rig
-from tests.contract.test_display import GRID, DisplayContract, frames
+from tests.contract.test_display import GRID, frames
 from tests.panel_pixels import planned, upright
 from tests.xserver import QUARTER, XServer, run
 
 
 @pytest.fixture(scope="class")
-def started(tmp_path_factory: pytest.TempPathFactory, x_quarter: XServer) -> Iterator[Display]:
+def started(tmp_path_factory: pytest.TempPathFactory, x_quarter: XServer) -> Iterator[Rig]:
     """One for all tests of the contract: a display process takes half a second to start."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
-        display = x11_rig.display(x11_rig.config(tmp_path_factory.mktemp("rig"), x_quarter))
-        display.connect()
-        yield display
-        display.disconnect()
-
-
-@pytest.fixture
-def display(request: pytest.FixtureRequest, started: Display) -> Display:
-    """Connected; one whose panels were never given anything where a test asks for what is then."""
-    if "without_load" in request.node.name:
-        started.disconnect()
-    started.connect()
-    return started
-
-
-class TestX11Display(DisplayContract):
-    """Windows of an X server without hardware."""
+        rig = Rig(x11_rig.config(tmp_path_factory.mktemp("rig"), x_quarter))
+        yield rig
+        rig.disconnect()
 
 
 @pytest.fixture
@@ -63,6 +49,21 @@ def lit(x_quarter: XServer) -> Iterator[Callable[[], bool]]:
     grabber = RootGrabber(x_quarter.display)
     yield lambda: bool(grabber.grab().any())
     grabber.close()
+
+
+class TestX11Display(DisplayContract):
+    """Windows of an X server without hardware."""
+
+    lit: Callable[[], bool]
+
+    @pytest.fixture
+    def rig(self, started: Rig, lit: Callable[[], bool]) -> Rig:
+        self.lit = lit
+        started.display.connect()
+        return started
+
+    def find_lit(self, rig: Rig) -> bool:
+        return self.lit()
 
 
 GUARD_S = 60.0

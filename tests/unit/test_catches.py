@@ -32,6 +32,8 @@ ALLOWED = {
     "pdcd/capture/worker/process.py::_answer": "the work process's answer, raised in the daemon",
     "pdcd/pictures/decode.py::convert_record_errors": "a record that fits no files, raised as that",
     "pdcd/presenter/process.py::run_display_process": "it ends: black, then it is told",
+    "pdcd/testing/promises.py::Promise.keep": "a stranger's driver: raised as a promise it broke",
+    "pdcd/testing/promises.py::Promise.require_error": "the same",
     "pdcd/server/aside.py::Outcome.of": "a thread hands it to whoever waits",
     "pdcd/errors.py::_said_by": "somebody else's error, which cannot even be told",
     "pdcd/server/reading.py::answer_request": "a request gets an answer, whatever happens",

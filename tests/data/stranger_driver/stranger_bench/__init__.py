@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.driver import (
-    BLACK,
     CameraInfo,
     CameraSettings,
     Cancelled,
@@ -28,6 +27,8 @@ from pdcd.driver import (
     RawFile,
     Readout,
     Shutter,
+    check_fit,
+    check_row_times,
     draw,
     panels_of,
     play_all,
@@ -87,8 +88,9 @@ class Panels:
 
     def load(self, frames: Frames) -> None:
         self._frames = None
-        draw(frames, self._views.projector, BLACK)
-        draw(frames, self._views.mask, BLACK)
+        check_row_times(frames)
+        check_fit(frames, self._views.projector)
+        check_fit(frames, self._views.mask)
         self._frames = frames
 
     def black(self) -> None:
