@@ -1,5 +1,5 @@
-"""Template and examples of docs/new-driver.md, as they are printed there: the template under the
-contract of its role."""
+"""Templates and examples of docs/new-driver.md, as they are printed there: each template under the
+contract of its roles."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pdcd.bench import registry
+from pdcd.bench.devices import CameraInfo, CameraSettings
 from pdcd.bench.tables import PanelConfig, TriggerConfig
 from pdcd.capture.rig import Rig
-from pdcd.errors import ConfigError, DeviceLost
+from pdcd.errors import ConfigError, DeviceLost, PhotoError
 from pdcd.panels.placing import Placing
-from pdcd.sensor.dng import write_photo_frame
-from pdcd.sensor.raw import read_raw
-from pdcd.testing import ShutterContract
+from pdcd.testing import ReadoutContract, ShutterContract
 from tests import bench_rig
 from tests.fake_serial import FakeLine, fake_line
 from tests.panel_pixels import planned, random_frames, upright
@@ -29,21 +30,39 @@ PAGE = ROOT / "docs" / "new-driver.md"
 OPTIONS = {"port": "line://box"}
 
 
-def blocks() -> list[str]:
-    """All code in Python on the page."""
-    return re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
+def block(word: str) -> str:
+    """The one block of Python on the page that has it."""
+    found = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
+    (code,) = (code for code in found if word in code)
+    return str(code)
+
+
+def run_block(word: str) -> dict[str, Any]:
+    """What that block defines."""
+    names: dict[str, Any] = {"__name__": __name__}
+    exec(compile(block(word), str(PAGE), "exec", dont_inherit=True), names)
+    return names
 
 
 @pytest.fixture
 def driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The last block of Python on the page, known as `serial-box`."""
-    code = blocks()[-1]
-    (tmp_path / "template_serial_box.py").write_text(code, encoding="utf-8")
+    """Both templates, known as `serial-box` and `acme`; a library of Acme's with one camera."""
+    made = {"template_serial_box": "class SerialBox", "template_acme": "class AcmeCamera"}
+    for module, word in made.items():
+        (tmp_path / f"{module}.py").write_text(block(word), encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
-    known = {**registry.DRIVERS, ("shutter", "serial-box"): "template_serial_box:SerialBox"}
-    monkeypatch.setattr(registry, "DRIVERS", known)
+    acme = ModuleType("acme")
+    acme.Device, acme.open_camera = AcmeDevice, AcmeDevice  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "acme", acme)
+    known = {
+        ("shutter", "serial-box"): "template_serial_box:SerialBox",
+        ("shutter", "acme"): "template_acme:AcmeShutter",
+        ("readout", "acme"): "template_acme:AcmeReadout",
+    }
+    monkeypatch.setattr(registry, "DRIVERS", {**registry.DRIVERS, **known})
     yield
-    sys.modules.pop("template_serial_box", None)
+    for module in made:
+        sys.modules.pop(module, None)
 
 
 def make(folder: Path, **options: object) -> Rig:
@@ -91,9 +110,7 @@ class TestTemplate(ShutterContract):
 
 def test_a_display_of_ones_own_needs_nothing_but_draw(tmp_path: Path) -> None:
     """The example gives each panel its own pixels, where the configuration has placed it."""
-    (code,) = (block for block in blocks() if "def pictures(" in block)
-    names: dict[str, Any] = {}
-    exec(compile(code, str(PAGE), "exec", dont_inherit=True), names)
+    names = run_block("def pictures(")
     turned = PanelConfig(size_px=(40, 30), place=Placing(turn_deg=180.0))
     config = bench_rig.config(tmp_path, projector=turned, mask=PanelConfig(size_px=(60, 45)))
     frames = random_frames((5, 4), "quarter", 8)
@@ -103,12 +120,80 @@ def test_a_display_of_ones_own_needs_nothing_but_draw(tmp_path: Path) -> None:
     np.testing.assert_array_equal(mask, planned(frames, 1, upright((60, 45), mask=True)))
 
 
-def test_samples_as_the_page_hands_them_over_become_a_file(tmp_path: Path) -> None:
-    (code,) = (block for block in blocks() if "def photo(" in block)
-    names: dict[str, Any] = {}
-    exec(compile(code, str(PAGE), "exec", dont_inherit=True), names)
-    samples = np.arange(24 * 32, dtype=np.uint16).reshape(24, 32)
-    photo = names["photo"](samples, 6.0, 0.25)
-    frame = read_raw(write_photo_frame(photo, tmp_path / "photo.dng", "Acme", "7").path)
-    assert (frame.pattern, frame.iso, frame.exposure_s, frame.model) == ("BGGR", 200, 0.25, "Acme")
-    np.testing.assert_array_equal(frame.samples[3], samples[::2, ::2])  # blue comes first
+class AcmeDevice:
+    """What Acme's library knows of its one camera: every other sample of a row is lit."""
+
+    def __init__(self, serial: str) -> None:
+        if serial != "7":
+            raise OSError("no such camera")
+        self.frames: list[NDArray[np.uint16]] = []
+        self.exposes = False
+        self.gain = 0.0
+
+    def set(self, feature: str, value: float) -> None:
+        assert feature == "Gain"
+        self.gain = value
+
+    def start(self, seconds: float) -> None:
+        self.exposes = True
+        samples = np.full((24, 32), 64 + round(100 * seconds), np.uint16)
+        samples[:, 1::2] = 64
+        self.frames.append(samples)
+
+    def stop(self) -> None:
+        self.exposes = False
+        self.frames.clear()
+
+    def frame(self) -> NDArray[np.uint16] | None:
+        return self.frames.pop() if self.frames else None
+
+    def drop(self) -> None:
+        self.frames.clear()
+
+    def temperature(self) -> float:
+        return 31.4
+
+    def close(self) -> None:
+        self.frames.clear()
+
+
+@pytest.mark.usefixtures("driver")
+class OfAcme:
+    config: ClassVar[dict[str, Any]] = {
+        "trigger": {"driver": "acme", "options": {"serial": "7"}},
+        "camera": {"driver": "acme", "f_number": 8.0},
+    }
+
+
+class TestCameraTemplateShutter(OfAcme, ShutterContract):
+    """Exposures that the camera ends."""
+
+
+class TestCameraTemplateReadout(OfAcme, ReadoutContract):
+    """Samples in memory."""
+
+    def test_samples_are_where_their_colours_say(
+        self, rig: Rig, info: CameraInfo, tmp_path: Path
+    ) -> None:
+        self.expose(rig, info)
+        frame = self.fetch(rig, info, tmp_path)
+        lit = [bool(plane.any()) for plane in frame.planes]  # R, G1, G2, B of BGGR
+        assert (frame.pattern, frame.model, lit) == (
+            "BGGR",
+            "Acme One",
+            [False, True, False, True],
+        )
+
+    def test_panels_that_outlast_the_exposure(
+        self, rig: Rig, info: CameraInfo, tmp_path: Path
+    ) -> None:
+        rig.readout.arm(CameraSettings(100, None))
+        rig.shutter.expect_exposure(0.5, 30.0)  # type: ignore[attr-defined]
+        opened = rig.shutter.open()
+        rig.clock.sleep_until_ns(opened + 700_000_000)
+        rig.shutter.close()
+        with pytest.raises(PhotoError, match="panels were done"):
+            rig.readout.fetch(tmp_path, "photo", 1.0)
+
+
+TestOnThePage = pytest.mark.usefixtures("driver")(run_block("class TestSerialBox")["TestSerialBox"])
