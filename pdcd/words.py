@@ -62,6 +62,8 @@ PatternName = Literal[
     "pixels", "wedge", "star", "dots", "letter",
 ]  # fmt: skip
 """What panels can hold to look at (docs/bench-bringup.md)."""
+KeepRawName = Literal["all", "last", "none"]
+"""Which RAW files a run keeps: all, that of its last shot, or none."""
 KeepName = Literal["in", "out"]
 """Paths in the epipolar plane, or out of it."""
 ArrangementName = Literal["coaxial", "off-axis"]

@@ -223,6 +223,7 @@ class Run:
         """
         from pdcd.api.decoding import decode_again
 
+        self.manifest.require_photos()
         for name in (CODES, FRAMES):
             if name in self.manifest.files:
                 self.checked(name)

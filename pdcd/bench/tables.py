@@ -17,6 +17,7 @@ from pdcd.words import (
     BlackLevelName,
     FamilyName,
     GuardsName,
+    KeepRawName,
     NormaliseName,
     WindowName,
 )
@@ -204,6 +205,9 @@ class CameraConfig(_Table, frozen=True):
     """Standard deviation of the blur between the mask's image and the sensor, in quads."""
     seed: Annotated[int, Meta(ge=0)] = 0
     fetch_timeout_s: PositiveFloat = 60.0
+    keep: KeepRawName = "all"
+    """RAW files that a run keeps: all of them, that of its last shot, or none. A run without them
+    cannot be decoded again. Photos that come as samples then never touch the disk."""
     readout_s: NonNegative | None = None
     """Seconds that a photo costs beside its exposure, until its file is stored; None: as the camera
     was seen to take. Says in how many exposures a plain request is taken."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, cast
 
 import msgspec
@@ -205,11 +206,12 @@ def make_manifest(
     meter: Sequence[MeterRecord],
     files: dict[str, FileRecord],
     missing: Sequence[str] = (),
+    not_kept: Mapping[str, FileRecord] = MappingProxyType({}),
 ) -> Manifest:
     """The manifest of a run that began like that and went by this plan in the end.
 
     `files` is all that lies in its folder; `missing` are planned shots that do not, which makes the
-    run a partial one.
+    run a partial one; `not_kept` are RAW files that nobody wanted to keep.
     """
     return Manifest(
         schema=SCHEMA_VERSION,
@@ -233,6 +235,7 @@ def make_manifest(
         meter=tuple(meter),
         files=files,
         missing=tuple(missing),
+        not_kept=dict(not_kept) or msgspec.UNSET,
     )
 
 

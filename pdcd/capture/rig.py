@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
@@ -46,7 +46,7 @@ from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.panels.schedule import build_frames
 from pdcd.printable import keep_standard_streams
 from pdcd.protocol.events import Emit, ShotArmed, ShutterClosed, ShutterOpen
-from pdcd.sensor.dng import CFAS, write_photo_frame
+from pdcd.sensor.dng import CFAS, hold_photo_frame, write_photo_frame
 from pdcd.virtual.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -74,6 +74,8 @@ class RigExposure:
     log: FrameLog
     raw: RawFile
     settings: CameraSettings
+    held: Mapping[str, bytes] = field(default_factory=dict)
+    """What is in its RAW files, by their names, where these are in memory alone."""
 
     @property
     def open_s(self) -> float:
@@ -307,8 +309,10 @@ class Rig:
         progress: _Progress,
         cancelled: Callable[[], bool],
         moving: ShutterTiming | None = None,
+        hold: bool = False,
     ) -> RigExposure:
-        """Take one exposure of the frames and fetch its RAW file.
+        """Take one exposure of the frames and fetch its RAW file. With `hold` a photo that comes as
+        samples is held in memory, and no file is written.
 
         The shutter opens and closes on panels that have settled to black, so its lag and jitter do
         not matter, nor what the panels showed before. When the display gives up (SyncError), the
@@ -338,14 +342,14 @@ class Rig:
                 self.shutter, self.clock, moving, name, notify, progress, cancelled
             )
             log, open_ns, close_ns = self._moved(mover, frames, folder)
-            return RigExposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
+            return RigExposure(open_ns, close_ns, log, self._fetched(folder, name)[0], settings)
         open_ns = self.shutter.open()
         notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
         self._context.patience.sleep_until_ns(open_ns + settle_ns)
         try:
             log = _with_row_times(self.display.play(progress, cancelled), self.display_info)
         except SyncError:
-            self._take_spoilt(open_ns, folder, name, notify)
+            self._take_spoilt(open_ns, folder, name, notify, hold)
             raise
         shared.played = (frames, log)
         self.display.black()
@@ -353,7 +357,8 @@ class Rig:
         close_ns = self._close()
         shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
-        return RigExposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
+        raw, held = self._fetched(folder, name, hold)
+        return RigExposure(open_ns, close_ns, log, raw, settings, held)
 
     def _timed(
         self, settings: CameraSettings, frames: Frames, moving: ShutterTiming | None
@@ -390,14 +395,16 @@ class Rig:
         open_ns, close_ns = shared.exposed_ns = mover.ended()
         return log, open_ns, close_ns
 
-    def _take_spoilt(self, open_ns: int, folder: Path, name: str, notify: Emit) -> None:
+    def _take_spoilt(
+        self, open_ns: int, folder: Path, name: str, notify: Emit, hold: bool = False
+    ) -> None:
         """End an exposure that was given up, and take its file: left in the camera, it would pass
         for the next one."""
         self.display.black()
         close_ns = self._close()
         self._context.shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
-        self._fetched(folder, name)
+        self._fetched(folder, name, hold)
 
     def begin_photos(self) -> None:
         """The photos from here on are those of one job."""
@@ -410,31 +417,39 @@ class Rig:
         if isinstance(self.readout, RecheckingReadout):
             self.readout.recheck(photos)
 
-    def _fetched(self, folder: Path, name: str) -> RawFile:
+    def _fetched(
+        self, folder: Path, name: str, hold: bool = False
+    ) -> tuple[RawFile, Mapping[str, bytes]]:
         closed_ns = self.clock.now_ns()
         with disk_errors("camera"):
             photo = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
-        raw = self.stored(photo, folder, name)
+        raw, held = self.stored(photo, folder, name, hold)
         self._photos.add(raw.sha256)
         self._readouts_ns.append(self._arming_ns + self.clock.now_ns() - closed_ns)
-        return raw
+        return raw, held
 
-    def stored(self, photo: RawFile | PhotoFrame, folder: Path, name: str) -> RawFile:
-        """The file of a photo that the readout fetched: its own, or one written here of samples
-        in memory. Raises NoSpaceError, DiskError, ConfigError for samples that no file holds, and
+    def stored(
+        self, photo: RawFile | PhotoFrame, folder: Path, name: str, hold: bool = False
+    ) -> tuple[RawFile, Mapping[str, bytes]]:
+        """The file of a photo that the readout fetched: its own, or one written here of samples in
+        memory. With `hold` these are not written, and the bytes of files are given by their names.
+
+        Raises NoSpaceError, DiskError, ConfigError for samples that no file holds, and
         ExposureError for what is no photo.
         """
         if isinstance(photo, RawFile) and photo.path.parent == folder:
-            return photo
+            return photo, {}
         if not isinstance(photo, PhotoFrame):
             raise ExposureError(
                 f"the camera's driver handed over {photo!r:.80}, which is no photo of this run",
                 device="camera",
                 hint="fetch returns a RawFile in the folder it was given, or a PhotoFrame",
             )
-        camera = self.camera_info
-        model, serial = ("unknown", "") if camera is None else (camera.model, camera.serial)
-        return write_photo_frame(photo, folder / f"{name}.dng", model, serial)
+        camera, path = self.camera_info, folder / f"{name}.dng"
+        named = ("unknown", "") if camera is None else (camera.model, camera.serial)
+        if hold:
+            return hold_photo_frame(photo, path, *named)
+        return write_photo_frame(photo, path, *named), {}
 
 
 def _with_row_times(log: FrameLog, info: DisplayInfo | None) -> FrameLog:

@@ -42,7 +42,7 @@ from pdcd.runs.folder import RunFolder
 from pdcd.runs.ledger import RunLedger, RunStart
 from pdcd.runs.manifest import MANIFEST, MANIFEST_DIGEST
 from pdcd.runs.provenance import format_utc_now
-from pdcd.runs.record import MeterRecord
+from pdcd.runs.record import FileRecord, MeterRecord
 from pdcd.sensor.profile import SensorProfile
 from pdcd.watch import Watch
 
@@ -75,10 +75,12 @@ class CaptureRun:
         self._adopted: AdoptedPlan | None = None
         self._taken: list[str] = []
         self._meter: list[MeterRecord] = []
-        self._ledger = RunLedger(folder)
+        held: dict[str, FileRecord] = {}
+        self._ledger = RunLedger(folder, held)
         self._journal = Journal(job, folder, rig.clock, [], self._ledger)
         self._check = FrameCheck(config, self._camera, self._journal)
-        self._taker = ShotTaker(config, rig, worker, self._journal, self._check)
+        keep = job.request.keep_raw or config.camera.keep
+        self._taker = ShotTaker(config, rig, worker, self._journal, self._check, keep, held)
 
     @property
     def warnings(self) -> list[str]:
@@ -114,6 +116,8 @@ class CaptureRun:
         try:
             return self._finish(begun, (self._adopted or adopted).summary, begun_s)
         except NoSpaceError as err:
+            if self._taker.held:  # photos that were in memory are gone
+                raise
             raise NoSpaceError(
                 err.message,
                 device=err.device,
@@ -131,8 +135,10 @@ class CaptureRun:
         summary = summarise_run(plan, developed)
         summary["wall_s"] = time.perf_counter() - begun_s
         self._rig.recheck_photos()
+        self._write_last()
         # The last line of log.jsonl: hashes come after it.
         self._journal.notify(events.PicturesArchived(job=job.name))
+        files, not_kept = self._sort_out(folder.hashes(job.look_for_cancel))
         manifest = make_manifest(
             begun,
             msgspec.to_builtins(plan),
@@ -140,19 +146,41 @@ class CaptureRun:
             summary=summary,
             warnings=self.warnings,
             meter=self._meter,
-            files=folder.hashes(job.look_for_cancel),
+            files=files,
+            not_kept=not_kept,
         )
-        files = (*folder.files(), MANIFEST_DIGEST, MANIFEST)
         digest = folder.finish(manifest, self._rig.pulse)
+        folder.drop(not_kept)  # whole without them by now
         return CaptureResult(
             job=job.name,
             state="done",
             manifest_sha256=digest,
             folder=str(folder.where),
-            files=(*files, *self._report()),
+            files=(*files, MANIFEST_DIGEST, MANIFEST, *self._report()),
             summary=summary,
             warnings=merge_warnings(self.warnings),
         )
+
+    def _write_last(self) -> None:
+        """Write the photo of the last shot where it is to be kept and was in memory alone."""
+        if self._taker.keep == "last":
+            for path, data in self._taker.last.items():
+                if data is not None:
+                    self._folder.write_raw(path, data)
+
+    def _sort_out(
+        self, found: dict[str, FileRecord]
+    ) -> tuple[dict[str, FileRecord], dict[str, FileRecord]]:
+        """Files of the folder that stay, and RAW files that do not, with those in memory."""
+        keep = self._taker.keep
+        last = self._taker.last if keep == "last" else ()
+        stay = {
+            name: file
+            for name, file in found.items()
+            if keep == "all" or name in last or not name.startswith("raw/")
+        }
+        gone = {**found, **self._taker.held}
+        return stay, {name: gone[name] for name in sorted(gone) if name not in stay}
 
     def _report(self) -> tuple[str, ...]:
         """Make the page of the finished run, where one is wanted; returns its name.

@@ -3,7 +3,8 @@ disagree."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import PurePath
 
 import msgspec
 import numpy as np
@@ -21,7 +22,8 @@ from pdcd.errors import ExposureError, PhotoError, SyncError
 from pdcd.panels.balance import count_lit_weights
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.protocol import events
-from pdcd.runs.record import ShotRecord
+from pdcd.runs.record import FileRecord, ShotRecord
+from pdcd.words import KeepRawName
 
 
 @dataclass
@@ -33,6 +35,11 @@ class ShotTaker:
     worker: WorkerProxy
     journal: Journal
     check: FrameCheck
+    keep: KeepRawName = "all"
+    held: dict[str, FileRecord] = field(default_factory=dict)
+    """Photos in memory, by the path that their files would have below the run folder."""
+    last: dict[str, bytes | None] = field(default_factory=dict)
+    """RAW files of the last shot, and what is in those that are in memory alone."""
 
     def take(self, wanted: PhotoOrder) -> PhotoOutcome:
         """Take a photo that is wanted. One that the run can do without is `SpoiltPhoto` where it
@@ -82,6 +89,8 @@ class ShotTaker:
             planned_s=self._planned_s(wanted, done),
             level=level,
         )
+        planes = [done.raw] if done.raw.second is None else [done.raw, done.raw.second]
+        self.last = {self._file(plane): done.held.get(plane.path.name) for plane in planes}
         self.journal.ledger.take(record)
         others = [self._beside(name, frames, record, done) for name, frames in wanted.beside]
         return (record, *others)
@@ -138,7 +147,7 @@ class ShotTaker:
                 if spoilt == rig.retries and isinstance(err, PhotoError):
                     raise
                 cause, spoilt = err.message, spoilt + 1
-                name = folder.set_aside(shot, number)
+                name = self._set_aside(shot, number)
             else:
                 level, harm = self._level(wanted.frames, done.log)
                 sound = level == 1.0 if wanted.even else level is not None
@@ -151,7 +160,7 @@ class ShotTaker:
                 else:
                     cause = f"{int(done.log.missed.sum())} refreshes were missed; {harm}"
                     spoilt += 1
-                name = folder.set_aside(shot, number)
+                name = self._set_aside(shot, number)
                 folder.write_frames(name, wanted.frames, done.log)
             self.journal.notify(events.ShotDiscarded(shot=shot, name=name, cause=cause))
             self.journal.warn(f"shot {shot}: exposure {number} was discarded: {cause}")
@@ -193,7 +202,7 @@ class ShotTaker:
                         self.journal.warn(f"photo {shot}: {cause}")
                     return done
                 doubted = True
-            aside = self.journal.folder.set_aside(shot, number)
+            aside = self._set_aside(shot, number)
             self.journal.notify(events.ShotDiscarded(shot=shot, name=aside, cause=cause))
 
     def _planned_s(self, wanted: PhotoOrder, done: RigExposure) -> float:
@@ -214,13 +223,27 @@ class ShotTaker:
             notify=self.journal.notify,
             progress=progress,
             cancelled=self.journal.job.cancelled,
+            hold=self.keep != "all",
         )
+        held = {}
+        for plane in (done.raw, done.raw.second):
+            if plane is not None and plane.path.name in done.held:
+                path = self._file(plane)
+                held[path] = done.held[plane.path.name]
+                self.held[path] = FileRecord(plane.sha256, plane.size_bytes)
         # At once: every further exposure would be for nothing.
         file, watch = self._file(done.raw), self.journal.job.watch()
-        head = self.worker.do(watch, Worker.look, file, done.raw.sha256)
+        head = self.worker.do(watch, Worker.look, file, done.raw.sha256, held)
         self.check.saw(file, head)
         doubt = describe_time_conflict(self._planned_s(wanted, done), done.open_s, head.exposure_s)
         return done, doubt
+
+    def _set_aside(self, shot: str, number: int) -> str:
+        """Give the photo of an exposure that is to be taken again another name; returns that."""
+        name = self.journal.folder.set_aside(shot, number)
+        for path in [path for path in self.held if PurePath(path).stem == shot]:
+            self.held[str(PurePath(path).with_stem(name))] = self.held.pop(path)
+        return name
 
     def _file(self, raw: RawFile) -> str:
         """Path of a RAW file in the run folder."""

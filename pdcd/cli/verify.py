@@ -41,5 +41,10 @@ def _say(run: VerifyReport) -> None:
     say(f"{state}  {run.folder}: {run.files} files, {run.size_bytes} bytes as they were")
     for finding in run.findings:
         say(f"  {finding.what:10}  {finding.path}: {finding.detail}")
+    if run.not_kept:
+        say(
+            f"  not kept    {len(run.not_kept)} RAW files: their digests are in the manifest; "
+            "pictures cannot be made again"
+        )
     for name in run.later:
         say(f"  made later  {name}: to look at; nothing vouches for it")

@@ -41,7 +41,8 @@ from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import RawFrame, compute_rgb_variance, read_raw, to_rgb
+from pdcd.sensor.raw import RawFrame, compute_rgb_variance, to_rgb
+from pdcd.sensor.shelf import PhotoShelf
 from pdcd.watch import Watch
 from pdcd.words import NormaliseName
 
@@ -124,8 +125,10 @@ class Darkroom:
     far the work is, and may end it. All methods raise DecodeError for a lost or damaged file.
     """
 
-    def __init__(self, folder: Path, record: RunRecord) -> None:
+    def __init__(self, folder: Path, record: RunRecord, shelf: PhotoShelf | None = None) -> None:
+        """`shelf` has photos that are not in the folder."""
         self._folder = folder
+        self._shelf = shelf or PhotoShelf(folder)
         self._side = 1
         self._table = FrameTable(folder)
         self._matrices: dict[str, RealisedMatrix] = {}
@@ -254,8 +257,8 @@ class Darkroom:
         return self._ambient_of(self._dark_frame(photo), photo)
 
     def _dark_frame(self, photo: DarkPhoto) -> RawFrame:
-        frame = read_raw(
-            self._folder / photo.raw,
+        frame = self._shelf.read(
+            photo.raw,
             sha256=photo.sha256,
             saturation_dn=self._record.profile.saturation_dn(photo.iso),
         )
@@ -394,8 +397,8 @@ class Darkroom:
         return dict(self._exposed)
 
     def _read(self, shot: ShotRecord) -> RawFrame:
-        return read_raw(
-            self._folder / shot.raw,
+        return self._shelf.read(
+            shot.raw,
             sha256=shot.sha256,
             size_bytes=shot.size_bytes,
             saturation_dn=self._record.profile.saturation_dn(shot.iso),

@@ -118,7 +118,9 @@ def decode_folder(folder: Path, watch: Watch | None = None) -> RunComparison:
     anything of it has changed (`pdcd.runs.verify`); nothing is decoded then.
     """
     watch = watch or Watch()
-    run = read_whole_manifest(folder, alive=watch).run
+    manifest = read_whole_manifest(folder, alive=watch)
+    manifest.require_photos()
+    run = manifest.run
     with (
         convert_record_errors(folder),
         tempfile.TemporaryDirectory(prefix="pdcd-decode-") as scratch,

@@ -20,6 +20,7 @@ from pdcd.words import (
     GoalName,
     GuardsName,
     KeepName,
+    KeepRawName,
     MarksName,
     MethodName,
     NormaliseName,
@@ -386,6 +387,14 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
             "upper left corner to 1 1; default: what is bright and nearly neutral",
             "photo",
             ("X", "Y"),
+        ),
+    ] = None
+    keep_raw: Annotated[
+        KeepRawName | None,
+        describe_field(
+            "RAW files to keep: all, that of the last shot, or none; a run without them cannot be "
+            "decoded again; default: the rig's",
+            "run",
         ),
     ] = None
     out: Annotated[

@@ -22,10 +22,11 @@ from __future__ import annotations
 import errno
 import fcntl
 import hashlib
+import logging
 import os
 import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,8 @@ from pdcd.runs.patterns import CODES_FILE as CODES
 from pdcd.runs.place import UNFINISHED, HeldFolder
 from pdcd.runs.record import FileRecord, Manifest
 from pdcd.version import __version__
+
+logger = logging.getLogger(__name__)
 
 LOG = "log.jsonl"
 """What happened in a run, a line an event."""
@@ -181,6 +184,20 @@ class RunFolder:
             for raw in (self.path / "raw").glob(f"{shot}.*"):
                 raw.rename(raw.with_name(f"{name}{raw.suffix}"))
         return name
+
+    def write_raw(self, path: str, data: bytes) -> None:
+        """Store a photo that was in memory alone. Raises NoSpaceError and DiskError."""
+        with disk_errors(self._shown), (self.path / path).open("xb") as file:
+            file.write(data)
+
+    def drop(self, names: Iterable[str]) -> None:
+        """Remove RAW files that a finished run does not keep. One that cannot be removed stays,
+        and is no fault of the run: its manifest knows it."""
+        for name in names:
+            try:
+                (self.path / name).unlink(missing_ok=True)
+            except OSError as err:
+                logger.warning("not removed file=%s error=%s", name, err.strerror)
 
     def finish(self, manifest: Manifest, alive: Callable[[], object] = lambda: None) -> str:
         """Write the manifest, make everything durable, give the folder its final name.

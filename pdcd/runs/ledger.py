@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -94,8 +95,10 @@ class _Line(msgspec.Struct, frozen=True):
 class RunLedger:
     """Writes the ledger of a run that goes on. Every method raises NoSpaceError and DiskError."""
 
-    def __init__(self, folder: RunFolder) -> None:
+    def __init__(self, folder: RunFolder, held: Mapping[str, FileRecord] | None = None) -> None:
+        """held : RAW files that are in memory alone, as they come."""
         self._folder = folder
+        self._held = {} if held is None else held
         self._digest = ""
         self._frames_bytes: RecordCount = 0
         self._synced_s = time.monotonic()
@@ -112,12 +115,14 @@ class RunLedger:
 
     def meter(self, meter: MeterRecord) -> None:
         """A test exposure was taken and looked at."""
-        self._unsynced.add(meter.raw)
-        self._write(MeterEntry(meter=meter, file=self._record(meter.raw)))
+        held = self._held.get(meter.raw)
+        if held is None:
+            self._unsynced.add(meter.raw)
+        self._write(MeterEntry(meter=meter, file=held or self._record(meter.raw)))
 
     def take(self, shot: ShotRecord) -> None:
         """A shot was taken: its RAW file and its rows of frames.csv are there."""
-        self._unsynced.update((shot.raw, FRAMES))
+        self._unsynced.update({shot.raw, FRAMES} - self._held.keys())
         self._write(ShotEntry(shot=shot, frames=self._piece()))
 
     def warn(self, text: str) -> None:

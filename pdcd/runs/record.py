@@ -204,6 +204,21 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     """Every other file of the folder, but the manifest's digest."""
     missing: tuple[str, ...] = ()
     """Shots that were planned and are not there, of a run whose `state` is "partial"."""
+    not_kept: dict[str, FileRecord] | msgspec.UnsetType = msgspec.UNSET
+    """RAW files that were not to be kept (`camera.keep`); unset where all were."""
+
+    @property
+    def unkept(self) -> dict[str, FileRecord]:
+        """The same, empty where all were kept."""
+        return {} if self.not_kept is msgspec.UNSET else self.not_kept
+
+    def require_photos(self) -> None:
+        """Called by whoever is to read RAW files. Raises DecodeError where they were not kept."""
+        if self.unkept:
+            raise DecodeError(
+                f"{len(self.unkept)} RAW files of this run were not kept",
+                hint='capture again with --keep-raw all, or set camera.keep = "all"',
+            )
 
     @property
     def quality(self) -> Quality:

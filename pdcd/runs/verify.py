@@ -84,6 +84,9 @@ class VerifyReport(msgspec.Struct, frozen=True, kw_only=True):
     size_bytes: int
     """Of those, together."""
     findings: tuple[FolderFinding, ...]
+    not_kept: tuple[str, ...] = ()
+    """RAW files that the run did not keep: they are not there, and nothing is held against their
+    digests."""
     later: tuple[str, ...] = ()
     """Files that were made after the run had ended, to look at (`pdcd.runs.folder`). Nothing
     vouches for them, and nothing rests on them."""
@@ -106,6 +109,7 @@ def verify_run(folder: Path, *, manifest_sha256: str | None = None) -> VerifyRep
         files=check.sound,
         size_bytes=check.size_bytes,
         findings=tuple(found),
+        not_kept=tuple(sorted(check.absent)),
         later=tuple(check.later),
     )
 
@@ -195,6 +199,7 @@ class FolderCheck:
         self.sound = 0
         self.size_bytes = 0
         self.later: list[str] = []
+        self.absent: list[str] = []
 
     def find(self, name: str, what: _What, detail: str) -> None:
         """Note what is wrong with a file."""
@@ -269,7 +274,7 @@ class FolderCheck:
     @property
     def listed(self) -> Mapping[str, FileRecord] | None:
         """All files that there are to be; None where nothing says so."""
-        return None if self.read is None else self.read.files
+        return None if self.read is None else {**self.read.unkept, **self.read.files}
 
     def files(self, folder: int, names: Collection[str] | None = None) -> None:
         """Hold the folder against the files that the manifest lists; of names given, only those."""
@@ -301,7 +306,10 @@ class FolderCheck:
             with open_inner_file(folder, name) as descriptor:
                 self._content(descriptor, name, wanted)
         except FileNotFoundError:
-            self.find(name, "missing", "the manifest lists it")
+            if self.read is not None and name in self.read.unkept:
+                self.absent.append(name)
+            else:
+                self.find(name, "missing", "the manifest lists it")
         except (OSError, DecodeError) as err:
             self.find(name, _what(err), _words(err))
 
@@ -320,7 +328,10 @@ class FolderCheck:
 
 def _contradictions(manifest: Manifest) -> Iterator[str]:
     """What the manifest says that cannot be true, in words."""
-    run, files = manifest.run, manifest.files
+    run, files = manifest.run, {**manifest.unkept, **manifest.files}
+    for name in manifest.unkept:
+        if name in manifest.files or not name.startswith("raw/"):
+            yield f"{to_one_line(name)!r} was not kept and is listed, or is no RAW file"
     if manifest.state not in ("done", "partial"):
         yield f"its state is {manifest.state!r}"
     if (manifest.state == "partial") != bool(manifest.missing):

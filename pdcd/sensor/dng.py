@@ -16,7 +16,6 @@ import hashlib
 import json
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from fractions import Fraction
 from numbers import Integral, Real
@@ -103,31 +102,43 @@ def write_dng(
         make=make, model=model, serial=serial, cfa=cfa, date=date or datetime.now(UTC),
         as_shot_neutral=as_shot_neutral, record=record,
     )  # fmt: skip
-    return _write_whole(path, data)
+    _write_whole(path, data)
+    return RawFile(path, len(data), hashlib.sha256(data).hexdigest())
 
 
-def _write_whole(path: Path, data: bytes) -> RawFile:
+def _write_whole(path: Path, data: bytes) -> None:
     with disk_errors("camera"):
         try:
             path.write_bytes(data)
         except OSError:
             path.unlink(missing_ok=True)
             raise
-    return RawFile(path, len(data), hashlib.sha256(data).hexdigest())
 
 
 def write_photo_frame(frame: PhotoFrame, path: Path, model: str, serial: str) -> RawFile:
     """Write a photo that a camera of that name handed over; of a second bucket, beside it.
 
-    The rig calls it with what `Readout.fetch` returned, so that every run has its RAW files.
-    Raises what `write_dng` raises.
+    The rig calls it with what `Readout.fetch` returned, so that a run has its RAW files. Raises
+    what `write_dng` raises.
     """
-    second = None
+    raw, held = hold_photo_frame(frame, path, model, serial)
+    for name, data in held.items():
+        _write_whole(path.with_name(name), data)
+    return raw
+
+
+def hold_photo_frame(
+    frame: PhotoFrame, path: Path, model: str, serial: str
+) -> tuple[RawFile, dict[str, bytes]]:
+    """What `write_photo_frame` would return and write: bytes by the names of files.
+
+    For a rig that keeps no files. Raises ConfigError for samples or numbers that no DNG can hold.
+    """
+    second, held = None, dict[str, bytes]()
     if frame.second is not None:
         beside = path.with_name(f"{path.stem}-second{path.suffix}")
-        second = write_photo_frame(frame.second, beside, model, serial)
-    raw = write_dng(
-        path,
+        second, held = hold_photo_frame(frame.second, beside, model, serial)
+    data = encode_dng(
         frame.samples,
         black=frame.black,
         white=frame.white,
@@ -137,10 +148,11 @@ def write_photo_frame(frame: PhotoFrame, path: Path, model: str, serial: str) ->
         cfa=frame.cfa,
         model=model,
         serial=serial,
-        date=frame.date,
+        date=frame.date or datetime.now(UTC),
         record=frame.record,
     )
-    return replace(raw, second=second)
+    digest = hashlib.sha256(data).hexdigest()
+    return RawFile(path, len(data), digest, second), {**held, path.name: data}
 
 
 def encode_dng(

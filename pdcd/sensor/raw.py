@@ -150,6 +150,7 @@ def read_raw(
     sha256: str | None = None,
     size_bytes: int | None = None,
     saturation_dn: float | None = None,
+    data: bytes | None = None,
 ) -> RawFrame:
     """Decode a RAW file of a camera with a 2x2 Bayer mosaic.
 
@@ -166,6 +167,8 @@ def read_raw(
     saturation_dn
         Signal in DN above black from which a sample counts as saturated
         (`SensorProfile.saturation_dn`); the file's white level counts in any case.
+    data
+        What is in the file, where it is in memory alone and `path` is only its name.
 
     Raises
     ------
@@ -173,7 +176,7 @@ def read_raw(
         The file cannot be read, is not the announced one, is not whole or damaged, or has no Bayer
         mosaic; the message names what it has.
     """
-    data = _read_checked(path, sha256, size_bytes)
+    data = _read_checked(path, sha256, size_bytes, data)
     with open_raw(data, path.name) as raw:
         mosaic = read_mosaic(raw)
         frame = _frame(raw, mosaic, saturation_dn)
@@ -204,12 +207,12 @@ class RawHead:
         return known.get(self.flip, f"flip {self.flip}")
 
 
-def read_raw_head(path: Path, *, sha256: str | None = None) -> RawHead:
+def read_raw_head(path: Path, *, sha256: str | None = None, data: bytes | None = None) -> RawHead:
     """Size, orientation and camera of a RAW file, without its samples: some milliseconds.
 
-    sha256 : what the file must have, as of `read_raw`. Raises DecodeError.
+    sha256, data : as of `read_raw`. Raises DecodeError.
     """
-    data = _read_checked(path, sha256, None)
+    data = _read_checked(path, sha256, None, data)
     with open_raw(data, path.name) as raw:
         sizes, tags = raw.libraw.sizes, raw.tags
         height, width = find_picture(raw)[1]
@@ -225,9 +228,11 @@ def read_raw_head(path: Path, *, sha256: str | None = None) -> RawHead:
     )
 
 
-def _read_checked(path: Path, sha256: str | None, size_bytes: int | None) -> bytes:
+def _read_checked(
+    path: Path, sha256: str | None, size_bytes: int | None, data: bytes | None
+) -> bytes:
     try:
-        data = read_file(path, MAX_RAW_BYTES)
+        data = read_file(path, MAX_RAW_BYTES) if data is None else data
     except UnsoundFileError as err:
         raise DecodeError(f"cannot read {path}: {err.why}", hint=err.hint) from err
     again = "fetch it from the camera again"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import cast
 
 import msgspec
@@ -42,7 +41,8 @@ from pdcd.planning.plan import ShotSequence
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import DarkPhoto, MeterRecord
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import RawFrame, read_raw
+from pdcd.sensor.raw import RawFrame
+from pdcd.sensor.shelf import PhotoShelf
 
 _FIRST_F_NUMBER = 8.0
 """Aperture of the first test exposure."""
@@ -104,7 +104,7 @@ def make_dark_photo(photo: AuxiliaryPhoto, wanted: PhotoOrder, phase_s: float) -
 
 @dataclass
 class Exposer:
-    """Settings of the camera for one job, whose photos lie in `folder`.
+    """Settings of the camera for one job, whose photos lie on `shelf`.
 
     All photos share one ISO, and one aperture wherever their light allows that: two stops are never
     as far apart as they are engraved.
@@ -118,7 +118,7 @@ class Exposer:
     facts: RigFacts
     camera: CameraInfo
     planned_iso: int | None
-    folder: Path
+    shelf: PhotoShelf
     orders: Orders
     apertures: dict[str, float] = field(default_factory=dict)
     stops: tuple[Stop, ...] = ()
@@ -270,4 +270,4 @@ class Exposer:
         )
 
     def _read(self, raw: str, sha256: str, saturation_dn: float) -> RawFrame:
-        return read_raw(self.folder / raw, sha256=sha256, saturation_dn=saturation_dn)
+        return self.shelf.read(raw, sha256=sha256, saturation_dn=saturation_dn)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from pdcd.planning.panel_look import (
 )
 from pdcd.planning.plan import Plan
 from pdcd.runs.record import MeterRecord, PanelLook, ShotRecord
-from pdcd.sensor.raw import RawFrame, read_raw
+from pdcd.sensor.raw import RawFrame
 
 _CLIPPED = 0.02
 """Share of quads that may be clipped in a white photo: highlights are."""
@@ -40,11 +39,10 @@ class _Exposure:
 
 
 class PanelCheck:
-    """Takes the photos of a look, in the run folder of a job, and works out what they say."""
+    """Takes the photos of a look, on the shelf of a job, and works out what they say."""
 
-    def __init__(self, facts: RigFacts, folder: Path, exposer: Exposer, orders: Orders) -> None:
-        self._facts, self._folder = facts, folder
-        self._exposer, self._orders = exposer, orders
+    def __init__(self, facts: RigFacts, exposer: Exposer, orders: Orders) -> None:
+        self._facts, self._exposer, self._orders = facts, exposer, orders
 
     def run(
         self, plan: Plan, shots: tuple[ShotRecord, ...]
@@ -127,7 +125,7 @@ class PanelCheck:
 
     def _read(self, raw: str, sha256: str) -> RawFrame:
         saturation_dn = self._facts.profile.saturation_dn(self._exposer.iso)
-        return read_raw(self._folder / raw, sha256=sha256, saturation_dn=saturation_dn)
+        return self._exposer.shelf.read(raw, sha256=sha256, saturation_dn=saturation_dn)
 
 
 def _nobody_looked(why: str) -> PanelLook:

@@ -53,6 +53,7 @@ from pdcd.recipes.recipe import Shot
 from pdcd.runs.folder import write_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
+from pdcd.sensor.shelf import PhotoShelf
 from pdcd.watch import Watch
 
 _RUNNING = "preview/running.png"
@@ -83,7 +84,7 @@ class Course:
     def __init__(self, facts: RigFacts, job: PlannedJob, folder: Path) -> None:
         if job.camera is None:
             raise PdcdError("pictures need to know the camera")
-        self.plan, self.folder = job.plan, folder
+        self.plan, self.folder, self.shelf = job.plan, folder, PhotoShelf(folder)
         self._facts, self._request, self._camera = facts, job.request, job.camera
         self._before: Plan | None = None
         """The plan before the scouts of a pilot ended that."""
@@ -99,11 +100,11 @@ class Course:
         self._panels_due = self._borders_due = not facts.cells_meet
         self._of_pilot = self._of_noise = ""
         self._orders = Orders()
-        self._exposer = Exposer(facts, job.camera, job.plan.iso, folder, self._orders)
+        self._exposer = Exposer(facts, job.camera, job.plan.iso, self.shelf, self._orders)
         self._watch = Watch()
         self._steps: _Steps = self._run()
         self._write_patterns()
-        self.darkroom = Darkroom(folder, self._record(()))
+        self.darkroom = Darkroom(folder, self._record(()), self.shelf)
 
     @property
     def decided(self) -> tuple[str, ...]:
@@ -236,7 +237,7 @@ class Course:
         if not self._panels_due or not is_panel_check_due(self.plan, taken):
             return False
         self._panels_due = False
-        check = PanelCheck(self._facts, self.folder, self._exposer, self._orders)
+        check = PanelCheck(self._facts, self._exposer, self._orders)
         shots = self.darkroom.record.shots
         self._panels = yield from check.run(self.plan, shots)
         self._adopt(self.plan)

@@ -8,8 +8,10 @@ process of its own (`pdcd.capture.worker.spawned`); others call it where they ar
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from pdcd.bench.calibration import MeasuredValue, PhotoRecord
@@ -38,7 +40,7 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import RunRecord
-from pdcd.sensor.raw import RawHead, read_raw, read_raw_head
+from pdcd.sensor.raw import RawHead, read_raw_head
 from pdcd.watch import Watch
 
 if TYPE_CHECKING:
@@ -112,17 +114,22 @@ class Worker:
         DecodeError for a photo that cannot be read, ConfigError where the camera cannot do it."""
         return self._of_course().next_exposure(watch, taken)
 
-    def look(self, watch: Watch, raw: str, sha256: str) -> RawHead:
+    def look(
+        self, watch: Watch, raw: str, sha256: str, held: Mapping[str, bytes] = MappingProxyType({})
+    ) -> RawHead:
         """Size, orientation and camera of a photo that has just come; the first one is decoded, as
         photos of a form that cannot be are not worth taking.
 
-        raw : path below the run folder. Raises DecodeError.
+        raw : path below the run folder. held : what is in the files of its planes, by their paths,
+        where these are in memory alone. Raises DecodeError.
         """
-        path = self._of_course().folder / raw
+        shelf = self._of_course().shelf
+        for path in {raw, *held}:
+            shelf.hold(path, held.get(path))
         if not self._decoded:
-            read_raw(path, sha256=sha256)
+            shelf.read(raw, sha256=sha256)
             self._decoded = True
-        return read_raw_head(path, sha256=sha256)
+        return shelf.read_head(raw, sha256=sha256)
 
     def develop(self, watch: Watch, *, report: bool = False) -> DevelopedRun:
         """Make all pictures and write them into the run folder; the job is forgotten then, but for

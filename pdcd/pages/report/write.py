@@ -41,6 +41,7 @@ def write_report(folder: Path, out: Path | None = None, watch: Watch | None = No
     watch = watch or Watch()
     load_template(TEMPLATE)
     manifest = read_sound_manifest(folder, (CODES, FRAMES), watch)
+    manifest.require_photos()
     partly, kept = manifest.state == "partial", TRUTH in manifest.files
     more = [TRUTH] if kept else []
     if manifest.run.goal.name == "transport":

@@ -19,6 +19,7 @@ from pdcd.errors import ConfigError
 from pdcd.planning.metering import MAX_TESTS
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import MeterRecord
+from pdcd.sensor.shelf import PhotoShelf
 
 SHA, SECOND = "a" * 64, "b" * 64
 SEQUENCE: Any = SimpleNamespace(
@@ -37,7 +38,9 @@ PROFILE: Any = SimpleNamespace(saturation_dn=lambda iso: 10.0 * iso)
 def exposer(f_number: Any = "auto", f_numbers: Any = (4.0, 8.0), iso: int | None = None) -> Exposer:
     config: Any = SimpleNamespace(camera=SimpleNamespace(f_number=f_number, stops=()))
     camera: Any = SimpleNamespace(isos=(200, 100, 400), f_numbers=f_numbers)
-    return Exposer(RigFacts(config, PROFILE, (3, 4), None), camera, iso, Path("/run"), Orders())
+    return Exposer(
+        RigFacts(config, PROFILE, (3, 4), None), camera, iso, PhotoShelf(Path("/run")), Orders()
+    )
 
 
 def metered(made: Exposer, shot: Shot = CODED, *, planes: int = 1) -> tuple[float, list[Order]]:
@@ -153,7 +156,7 @@ def test_a_second_stop_is_compared_with_the_first(
         return SEQUENCE
 
     monkeypatch.setattr(PLAN, "sequence", sequence)
-    monkeypatch.setattr(exposing, "read_raw", lambda path, **said: path.name)
+    monkeypatch.setattr(PhotoShelf, "read", lambda _, raw, **said: raw)
     monkeypatch.setattr(exposing, "compare_stops", lambda *raws: (3.9, 0.002))
     made = exposer()
     f_number, orders = metered(made, shot)
@@ -174,7 +177,7 @@ def test_a_second_stop_that_has_no_light_is_what_is_engraved(
 ) -> None:
     """A capture does not end for it: f/2.8 stands for 2^(3/2), f/4 for 4, each sure to 4 %."""
     shares["seen"], shares["stop"] = {"raw/meter-pilot-1.dng": (0.0, 0.0)}, 2.8
-    monkeypatch.setattr(exposing, "read_raw", lambda path, **said: path.name)
+    monkeypatch.setattr(PhotoShelf, "read", lambda _, raw, **said: raw)
     monkeypatch.setattr(exposing, "compare_stops", lambda *raws: None)
     made = exposer()
     f_number, _ = metered(made, PILOT)
@@ -214,13 +217,13 @@ def test_a_test_exposure_is_held_against_the_cells(
     frame = SimpleNamespace(frame=(6, 8), planes=planes, saturated=np.zeros((4, 6, 8), np.bool_))
     asked: list[Any] = []
 
-    def read(path: Path, **said: Any) -> Any:
-        asked.append((path, said))
+    def read(_: PhotoShelf, raw: str, **said: Any) -> Any:
+        asked.append((raw, said))
         return frame
 
-    monkeypatch.setattr(exposing, "read_raw", read)
+    monkeypatch.setattr(PhotoShelf, "read", read)
     made = exposer()
     made.facts = RigFacts(Config(), PROFILE, (3, 4), None)
     peak, expected = made._shares("raw/a.dng", SHA, np.full((3, 4), 2.0), 100.0)
-    assert asked == [(Path("/run/raw/a.dng"), {"sha256": SHA, "saturation_dn": 100.0})]
+    assert asked == [("raw/a.dng", {"sha256": SHA, "saturation_dn": 100.0})]
     assert peak == pytest.approx(0.6) and expected == pytest.approx(1.2)
