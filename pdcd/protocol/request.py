@@ -392,8 +392,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     keep_raw: Annotated[
         KeepRawName | None,
         describe_field(
-            "RAW files to keep: all, that of the last shot, or none; a run without them cannot be "
-            "decoded again; default: the rig's",
+            "which RAW files to keep: all, that of the last shot, or none; without them a run "
+            "cannot be decoded again; default: the rig's",
             "run",
         ),
     ] = None

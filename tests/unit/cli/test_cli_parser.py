@@ -73,7 +73,7 @@ NOTHING: dict[str, Any] = dict.fromkeys(
 )
 USUAL = {
     **NOTHING, "local": False, "repeat": 1, "masked": None, "equal_brightness": False, "seed": 0,
-    "white": True, "note": "",
+    "white": True, "note": "", "keep_raw": None,
 }  # fmt: skip
 ANY_RIG: dict[str, Any] = {"config": None, "socket": None}
 LISTED: dict[str, Any] = {
