@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,8 @@ APART = 4
 pixel sees what it lights itself, and little light comes from elsewhere."""
 _ON_EDGE = NEAR / ATOMS_PER_CELL
 """Cells before a border at which a centre lies on it, as panels draw it."""
+_KEPT = 4
+"""Geometries whose strips are remembered."""
 _PIECE = 2**11
 """Places that are looked at together."""
 
@@ -164,6 +166,7 @@ class BorderStrips:
         return np.asarray(found, dtype=np.float64).reshape(down, right)
 
 
+@lru_cache(maxsize=_KEPT)
 def find_strips(
     projector: PanelView, mask: PanelView, grid: _Grid, fine: int
 ) -> tuple[BorderStrips, ...]:
@@ -171,7 +174,8 @@ def find_strips(
     pixel; nothing where that is nowhere, or where a pixel is as large as a cell.
 
     projector, mask : as they are believed to lie. grid : rows and columns of cells. fine : pieces
-    of a cell along each border that are told of one by one, at least.
+    of a cell along each border that are told of one by one, at least. Those of the last geometries
+    are remembered: most runs of a bench have the same.
     """
     maps = projector.map, mask.map
     straight = all(map(_lies_straight, maps))

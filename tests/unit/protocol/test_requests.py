@@ -64,8 +64,8 @@ BOUNDS: dict[str, tuple[list[Any], list[Any]]] = {
     ),
     **{array: ([NAME, [[1.0, -2.0]]], [NAME + "x", [["a"]]]) for array in ARRAY_FIELDS},
 }  # fmt: skip
-FREE = {"family", "equal_brightness", "keep", "keep_raw", "masked", "method", "smooth", "grey_masks", "window",
-        "guards", "black_level", "normalise", "white", "out"}  # fmt: skip
+FREE = {"family", "equal_brightness", "keep", "keep_raw", "masked", "method", "smooth",
+        "grey_masks", "window", "guards", "black_level", "normalise", "white", "out"}  # fmt: skip
 """Fields of words and switches, whose types say all."""
 
 
