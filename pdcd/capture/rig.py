@@ -63,6 +63,7 @@ _STEADY = 0.02
 """Share of a refresh by which that may change meanwhile: panels on clocks of their own drift."""
 
 _Progress = Callable[[int, int, int], None]
+_Stored = tuple[RawFile, Mapping[str, bytes]]
 
 
 @dataclass(frozen=True)
@@ -417,9 +418,7 @@ class Rig:
         if isinstance(self.readout, RecheckingReadout):
             self.readout.recheck(photos)
 
-    def _fetched(
-        self, folder: Path, name: str, hold: bool = False
-    ) -> tuple[RawFile, Mapping[str, bytes]]:
+    def _fetched(self, folder: Path, name: str, hold: bool = False) -> _Stored:
         closed_ns = self.clock.now_ns()
         with disk_errors("camera"):
             photo = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
@@ -430,10 +429,9 @@ class Rig:
 
     def stored(
         self, photo: RawFile | PhotoFrame, folder: Path, name: str, hold: bool = False
-    ) -> tuple[RawFile, Mapping[str, bytes]]:
+    ) -> _Stored:
         """The file of a photo that the readout fetched: its own, or one written here of samples in
         memory. With `hold` these are not written, and the bytes of files are given by their names.
-
         Raises NoSpaceError, DiskError, ConfigError for samples that no file holds, and
         ExposureError for what is no photo.
         """

@@ -36,7 +36,7 @@ def manifest(**said: Any) -> Any:
     told = {
         "schema": 1, "job": "job", "state": "done", "missing": (), "meter": (), "run": run,
         "summary": {"quality": Quality(verdict="good")},
-        "files": {name: FileRecord(SHA, 1) for name in names},
+        "files": {name: FileRecord(SHA, 1) for name in names}, "unkept": {},
     }  # fmt: skip
     return SimpleNamespace(**{**told, **said})
 
@@ -59,6 +59,8 @@ SIDE = 2**12
 """Its square is the most cells."""
 FILES: dict[str, FileRecord] = manifest().files
 DARK = "its dark photo and the list of files name another RAW file"
+UNKEPT = "{!r} was not kept and is listed, or is no RAW file"
+OUT = "file 'raw/../a': its name leads out of the folder"
 BORDERS = "its photo of borders and the list of files name another RAW file"
 
 
@@ -83,6 +85,10 @@ def borders(lit: str, dark: str) -> SimpleNamespace:
         ({"borders": borders(SHA, SHA)}, []),
         ({"borders": borders(OTHER, SHA)}, [BORDERS]),
         ({"borders": borders(SHA, OTHER)}, [BORDERS.replace("photo", "dark photo", 1)]),
+        ({"shots": (shot(raw="raw/b.dng"),), "unkept": {"raw/b.dng": FileRecord(SHA, 1)}}, []),
+        ({"unkept": {"raw/coded.dng": FileRecord(SHA, 1)}}, [UNKEPT.format("raw/coded.dng")]),
+        ({"unkept": {"linear/a.tif": FileRecord(SHA, 1)}}, [UNKEPT.format("linear/a.tif")]),
+        ({"unkept": {"raw/../a": FileRecord(SHA, 1)}}, [OUT]),
         ({"shots": (shot(), shot(name="b"))}, []),
         ({"shots": (shot(close_ns=1),)}, ["shot 'coded' closed before it opened"]),
         *(
