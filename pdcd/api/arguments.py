@@ -22,6 +22,7 @@ from pdcd.words import (
     FamilyName,
     GuardsName,
     KeepName,
+    KeepRawName,
     MethodName,
     NormaliseName,
     WindowName,
@@ -79,6 +80,7 @@ class Arguments(TypedDict, total=False):
     normalise: NormaliseName
     white: bool
     white_patch: tuple[float, float]
+    keep_raw: KeepRawName
     out: str | Path
     name: str
     tags: str | Sequence[str]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar
@@ -159,7 +159,7 @@ class AcmeDevice:
 
 @pytest.mark.usefixtures("driver")
 class OfAcme:
-    config: ClassVar[dict[str, Any]] = {
+    config: ClassVar[Mapping[str, Any] | Path | str] = {
         "trigger": {"driver": "acme", "options": {"serial": "7"}},
         "camera": {"driver": "acme", "f_number": 8.0},
     }

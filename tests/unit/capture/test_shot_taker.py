@@ -139,7 +139,7 @@ def test_what_is_kept_of_a_shot() -> None:
     }  # fmt: skip
     assert bench.steps == [
         ("expose", "frames of coded", SETTINGS, "coded"),
-        ("look", "raw/coded.dng", SHA),
+        ("look", "raw/coded.dng", SHA, {}),
         ("saw", "raw/coded.dng", HEAD),
         ("frames", "coded", "frames of coded", 3),
     ]

@@ -5,6 +5,7 @@ The good drivers are those of the stranger's bench; each row breaks one thing of
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import sys
 import threading
@@ -18,7 +19,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench import registry
-from pdcd.bench.devices import CameraSettings, DriverContext, Frames, PhotoFrame
+from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import (
     CameraConfig,
     Config,
@@ -29,6 +30,7 @@ from pdcd.bench.tables import (
 )
 from pdcd.capture.rig import Rig
 from pdcd.errors import ExposureError
+from pdcd.panels.frames import Frames
 from pdcd.testing import (
     BrokenPromise,
     DisplayContract,
@@ -47,14 +49,14 @@ from tests.places import ROOT
 
 PACKAGES = [str(ROOT / "tests" / "data" / name) for name in ("stranger_driver", "stranger_samples")]
 sys.path[:0] = PACKAGES
-import stranger_bench as stranger  # noqa: E402
-from stranger_bench import samples as more  # noqa: E402
+stranger: Any = importlib.import_module("stranger_bench")
+more: Any = importlib.import_module("stranger_bench.samples")
 
 for package in PACKAGES:
     sys.path.remove(package)
 
 
-class Panels(stranger.Panels):
+class Panels(stranger.Panels):  # type: ignore[misc]
     """Black but while they show something."""
 
     lit = False
@@ -82,7 +84,7 @@ class Panels(stranger.Panels):
         self.lit = False
 
 
-class Camera(more.SampleCamera):
+class Camera(more.SampleCamera):  # type: ignore[misc]
     """Offers two stops, and looks again at what it has sent."""
 
     def connect(self) -> Any:
@@ -105,11 +107,11 @@ class Camera(more.SampleCamera):
         """Nobody has touched them."""
 
 
-class Blades(more.TimedBlades):
+class Blades(more.TimedBlades):  # type: ignore[misc]
     """Of the same bench."""
 
 
-class Finder(more.Finder):
+class Finder(more.Finder):  # type: ignore[misc]
     """Of the same camera."""
 
 
@@ -201,7 +203,7 @@ def _forgets_to_close(driver: Any) -> None:
     """Lets the shutter be."""
 
 
-def _same_photo(driver: Any, folder: Path, name: str, timeout_s: float) -> PhotoFrame:
+def _same_photo(driver: Any, folder: Path, name: str, timeout_s: float) -> Any:
     if not driver.armed:
         raise ExposureError("not armed", device="camera", hint="call arm first")
     if driver._bench.open_ns is not None:
@@ -209,15 +211,15 @@ def _same_photo(driver: Any, folder: Path, name: str, timeout_s: float) -> Photo
         driver.armed.append(CameraSettings(100, None))
     if not hasattr(driver, "last"):
         raise ExposureError("no photo", device="camera", hint="open and close")
-    return driver.last  # type: ignore[no-any-return]
+    return driver.last
 
 
-def _unarmed(driver: Any, folder: Path, name: str, timeout_s: float) -> PhotoFrame:
+def _unarmed(driver: Any, folder: Path, name: str, timeout_s: float) -> Any:
     driver.armed.append(CameraSettings(100, None))
     return Camera.fetch(driver, folder, name, timeout_s)
 
 
-def _invents(driver: Any, folder: Path, name: str, timeout_s: float) -> PhotoFrame:
+def _invents(driver: Any, folder: Path, name: str, timeout_s: float) -> Any:
     bench = driver._bench
     if driver.armed and bench.open_ns is None:
         bench.open_ns, bench.closed_ns = 0, 10**9
@@ -229,7 +231,7 @@ def _keeps_first(driver: Any, settings: CameraSettings) -> None:
     driver.first = driver._bench.open_ns, driver._bench.closed_ns
 
 
-def _first(driver: Any, folder: Path, name: str, timeout_s: float) -> PhotoFrame:
+def _first(driver: Any, folder: Path, name: str, timeout_s: float) -> Any:
     if driver.armed and driver.first[0] is not None:
         driver._bench.open_ns, driver._bench.closed_ns = driver.first
     return Camera.fetch(driver, folder, name, timeout_s)
@@ -251,20 +253,19 @@ def _opens(driver: Any, *_: float) -> None:
     driver.open()
 
 
-def _connected(kind: type, method: str) -> type:
+def _connected(kind: Any, method: str) -> type:
     """A good driver, one method of which fails before `connect`."""
 
     def connect(driver: Any) -> Any:
         driver.there = True
-        return super(broken, driver).connect()
+        return kind.connect(driver)
 
     def answer(driver: Any, *args: Any) -> Any:
         if not getattr(driver, "there", False):
             raise AttributeError("no device")
         return getattr(kind, method)(driver, *args)
 
-    broken = type("Broken", (kind,), {"connect": connect, method: answer})
-    return broken
+    return type("Broken", (kind,), {"connect": connect, method: answer})
 
 
 class Row(NamedTuple):

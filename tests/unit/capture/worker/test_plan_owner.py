@@ -125,7 +125,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
         facts: Any = RigFacts(CONFIG, None, (3, 4), None, cells_meet=True)  # type: ignore[arg-type]
         request: Any = SimpleNamespace(seed=7, until_error=until)
         room, left = Room(), list(steps)
-        monkeypatch.setattr(module, "Darkroom", lambda folder, record: room)
+        monkeypatch.setattr(module, "Darkroom", lambda folder, record, shelf: room)
         monkeypatch.setattr(
             module, "make_run_record",
             lambda plan, request, config, camera, profile, shots, cells, **_: (
