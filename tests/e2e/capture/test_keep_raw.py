@@ -4,6 +4,7 @@ samples, and of one that makes files."""
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -16,6 +17,9 @@ from pdcd.bench.devices import PhotoFrame
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
 from pdcd.capture.salvage import decode_partial
+from pdcd.capture.worker.answers import RigFacts
+from pdcd.capture.worker.proxy import InProcessWorker, WorkerProxy
+from pdcd.capture.worker.spawned import SpawnedWorker
 from pdcd.cli.main import main
 from pdcd.errors import DecodeError, PhotoError
 from pdcd.pages.report.write import write_report
@@ -65,14 +69,18 @@ def in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def take(
-    place: Path, driver: str, keep: KeepRawName | None, keep_raw: KeepRawName | None = None
+    place: Path,
+    driver: str,
+    keep: KeepRawName | None,
+    keep_raw: KeepRawName | None = None,
+    worker: Callable[[RigFacts], WorkerProxy] = InProcessWorker,
 ) -> Taken:
     """White and indirect light."""
     place.mkdir(exist_ok=True)
     camera = CameraConfig(driver=driver, noise="none", f_number=16.0)
     if keep is not None:
         camera = CameraConfig(driver=driver, noise="none", f_number=16.0, keep=keep)
-    engine = Engine(bench_rig.config(place, camera=camera))
+    engine = Engine(bench_rig.config(place, camera=camera), worker)
     engine.start()
     raw: set[str] = set()
 
@@ -114,6 +122,12 @@ def test_pictures_are_the_same_whatever_is_kept(driver: str, tmp_path: Path) -> 
         assert found.whole and set(found.not_kept) == listed - kept
     if driver == "in-memory":  # the photo that was lost has no file
         assert none.raw == set() and "raw/white.dng" in listed
+
+
+def test_photos_in_memory_reach_a_worker_in_a_process_of_its_own(tmp_path: Path) -> None:
+    none = take(tmp_path / "none", "in-memory", "none", worker=SpawnedWorker)
+    assert none.result.state == "done" and none.raw == set()
+    assert pictures(none.folder) == pictures(take(tmp_path / "all", "in-memory", None).folder)
 
 
 def test_what_needs_the_photos_says_that_they_were_not_kept(
