@@ -55,7 +55,7 @@ EVERY_FIELD = {
     "prior": "prior.npz", "codes_from": "codes.npz", "seed": 9, "exposure_s": 2.5,
     "window": "quarter", "guards": False,
     "black_level": "both", "normalise": "row", "white": False, "white_patch": (0.25, 1.0),
-    "out": "here", "name": "a chart", "tags": ("glass",), "note": "n",
+    "keep_raw": "last", "out": "here", "name": "a chart", "tags": ("glass",), "note": "n",
 }  # fmt: skip
 
 
