@@ -91,6 +91,11 @@ class OnThatCamera:
 class TestGphotoShutter(OnThatCamera, ShutterContract):
     """Bulb."""
 
+    @pytest.fixture(autouse=True)
+    def drained(self, rig: Rig) -> None:
+        """Nobody fetches these photos, and a camera's memory holds a few."""
+        rig.readout.arm(CameraSettings(iso=100, f_number=8.0))
+
 
 class TestGphotoReadout(OnThatCamera, ReadoutContract):
     """RAM capture."""
