@@ -312,8 +312,7 @@ class Rig:
         moving: ShutterTiming | None = None,
         hold: bool = False,
     ) -> RigExposure:
-        """Take one exposure of the frames and fetch its RAW file. With `hold` a photo that comes as
-        samples is held in memory, and no file is written.
+        """Take one exposure of the frames and fetch its RAW file; `hold` keeps samples in memory.
 
         The shutter opens and closes on panels that have settled to black, so its lag and jitter do
         not matter, nor what the panels showed before. When the display gives up (SyncError), the

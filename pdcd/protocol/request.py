@@ -392,8 +392,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     keep_raw: Annotated[
         KeepRawName | None,
         describe_field(
-            "which RAW files to keep: all, that of the last shot, or none; without them a run "
-            "cannot be decoded again; default: the rig's",
+            "which RAW files to keep: all, that of the last shot, or none; default: the rig's",
             "run",
         ),
     ] = None

@@ -53,7 +53,7 @@ class ShutterContract(RigContract):
     """Each promise of `pdcd.driver.Shutter` and `TimedShutter`, as tests of one driver.
 
     Nobody fetches the photos of these exposures. Where they stay in the memory of one camera for
-    all tests, have it armed before each of them, which drops what is left.
+    all tests, have it armed at the end of each, which drops what is left.
     """
 
     roles: ClassVar[tuple[str, ...]] = ("shutter",)

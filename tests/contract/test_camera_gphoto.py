@@ -92,8 +92,9 @@ class TestGphotoShutter(OnThatCamera, ShutterContract):
     """Bulb."""
 
     @pytest.fixture(autouse=True)
-    def drained(self, rig: Rig) -> None:
-        """Nobody fetches these photos, and a camera's memory holds a few."""
+    def drained(self, rig: Rig) -> Iterator[None]:
+        """Nobody fetches these photos, and the camera's memory holds five."""
+        yield
         rig.readout.arm(CameraSettings(iso=100, f_number=8.0))
 
 
