@@ -20,7 +20,6 @@ from pdcd.bench.devices import (
     Display,
     DisplayInfo,
     DriverContext,
-    PhotoFrame,
     RawFile,
     Readout,
     RecheckingReadout,
@@ -37,7 +36,6 @@ from pdcd.errors import (
     Cancelled,
     ConfigError,
     DeviceLost,
-    ExposureError,
     PdcdError,
     SyncError,
     disk_errors,
@@ -46,7 +44,7 @@ from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.panels.schedule import build_frames
 from pdcd.printable import keep_standard_streams
 from pdcd.protocol.events import Emit, ShotArmed, ShutterClosed, ShutterOpen
-from pdcd.sensor.dng import CFAS, hold_photo_frame, write_photo_frame
+from pdcd.sensor.dng import CFAS, keep_photo
 from pdcd.virtual.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -421,32 +419,12 @@ class Rig:
         closed_ns = self.clock.now_ns()
         with disk_errors("camera"):
             photo = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
-        raw, held = self.stored(photo, folder, name, hold)
+        camera, path = self.camera_info, folder / f"{name}.dng"
+        named = ("unknown", "") if camera is None else (camera.model, camera.serial)
+        raw, held = keep_photo(photo, path, *named, hold=hold)
         self._photos.add(raw.sha256)
         self._readouts_ns.append(self._arming_ns + self.clock.now_ns() - closed_ns)
         return raw, held
-
-    def stored(
-        self, photo: RawFile | PhotoFrame, folder: Path, name: str, hold: bool = False
-    ) -> _Stored:
-        """The file of a photo that the readout fetched: its own, or one written here of samples in
-        memory. With `hold` these are not written, and the bytes of files are given by their names.
-        Raises NoSpaceError, DiskError, ConfigError for samples that no file holds, and
-        ExposureError for what is no photo.
-        """
-        if isinstance(photo, RawFile) and photo.path.parent == folder:
-            return photo, {}
-        if not isinstance(photo, PhotoFrame):
-            raise ExposureError(
-                f"the camera's driver handed over {photo!r:.80}, which is no photo of this run",
-                device="camera",
-                hint="fetch returns a RawFile in the folder it was given, or a PhotoFrame",
-            )
-        camera, path = self.camera_info, folder / f"{name}.dng"
-        named = ("unknown", "") if camera is None else (camera.model, camera.serial)
-        if hold:
-            return hold_photo_frame(photo, path, *named)
-        return write_photo_frame(photo, path, *named), {}
 
 
 def _with_row_times(log: FrameLog, info: DisplayInfo | None) -> FrameLog:

@@ -41,8 +41,7 @@ from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import RawFrame, compute_rgb_variance, to_rgb
-from pdcd.sensor.shelf import PhotoShelf
+from pdcd.sensor.raw import PhotoShelf, RawFrame, compute_rgb_variance, to_rgb
 from pdcd.watch import Watch
 from pdcd.words import NormaliseName
 

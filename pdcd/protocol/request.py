@@ -390,11 +390,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         ),
     ] = None
     keep_raw: Annotated[
-        KeepRawName | None,
-        describe_field(
-            "which RAW files to keep: all, that of the last shot, or none; default: the rig's",
-            "run",
-        ),
+        KeepRawName | None, describe_field("which RAW files to keep; default: the rig's", "run")
     ] = None
     out: Annotated[
         str | None,
@@ -441,8 +437,7 @@ class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     marks: Annotated[
         MarksName,
         describe_field(
-            "what the geometry shows: dots on a card, or stripes; auto: dots on a card, stripes on "
-            "a scene",
+            "what the geometry shows: dots, or stripes; auto: dots on a card, stripes on a scene",
             "calibration",
         ),
     ] = "auto"

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.devices import PhotoFrame, RawFile
-from pdcd.errors import ConfigError, disk_errors
+from pdcd.errors import ConfigError, ExposureError, disk_errors
 
 MIN_SIDE = 22
 """Least width and height, in samples, that LibRaw takes for a RAW image."""
@@ -113,6 +113,27 @@ def _write_whole(path: Path, data: bytes) -> None:
         except OSError:
             path.unlink(missing_ok=True)
             raise
+
+
+def keep_photo(
+    photo: RawFile | PhotoFrame, path: Path, model: str, serial: str, *, hold: bool = False
+) -> tuple[RawFile, dict[str, bytes]]:
+    """The file of a photo that `Readout.fetch` returned: its own, or `path` for one in memory. With
+    `hold` that is not written, and the bytes of files are given by their names.
+
+    Raises what `write_dng` raises, and ExposureError for what is no photo.
+    """
+    if isinstance(photo, RawFile) and photo.path.parent == path.parent:
+        return photo, {}
+    if not isinstance(photo, PhotoFrame):
+        raise ExposureError(
+            f"the camera's driver handed over {photo!r:.80}, which is no photo of this run",
+            device="camera",
+            hint="fetch returns a RawFile in the folder it was given, or a PhotoFrame",
+        )
+    if hold:
+        return hold_photo_frame(photo, path, model, serial)
+    return write_photo_frame(photo, path, model, serial), {}
 
 
 def write_photo_frame(frame: PhotoFrame, path: Path, model: str, serial: str) -> RawFile:

@@ -23,6 +23,7 @@ from pdcd.codes.make import make_codes
 from pdcd.errors import DeviceLost, ExposureError, SyncError
 from pdcd.panels.frames import Frames
 from pdcd.panels.schedule import build_frames
+from pdcd.sensor.dng import keep_photo
 from tests import bench_rig
 
 SETTLE_S = 0.25
@@ -338,11 +339,9 @@ def test_what_was_measured_of_a_camera_takes_the_place_of_what_its_driver_says(
 
 
 @pytest.mark.parametrize("photo", [None, "photo.dng", RawFile(Path("/elsewhere/a.dng"), 1, "")])
-def test_what_is_no_photo_of_this_run_is_the_cameras_fault(
-    rig: Rig, photo: Any, tmp_path: Path
-) -> None:
+def test_what_is_no_photo_of_this_run_is_the_cameras_fault(photo: Any, tmp_path: Path) -> None:
     with pytest.raises(ExposureError, match="no photo of this run") as told:
-        rig.stored(photo, tmp_path, "a")
+        keep_photo(photo, tmp_path / "a.dng", "Acme", "7")
     assert told.value.device == "camera" and "PhotoFrame" in str(told.value.hint)
 
 
