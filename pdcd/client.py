@@ -42,7 +42,7 @@ from pdcd.protocol.messages import (
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest, SentArray
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.views import RigView
+from pdcd.protocol.views import LiveFrame, RigView
 
 _T = TypeVar("_T")
 
@@ -240,6 +240,36 @@ class Client:
         return convert_reply(
             self.call("display.show", params, timeout_s=_ENGINE_TIMEOUT_S), ShowReply
         )
+
+    def live(
+        self,
+        on_frame: Callable[[LiveFrame], bool],
+        pattern: str = "white",
+        index: int = 0,
+        *,
+        picture: bool = True,
+    ) -> CaptureResult:
+        """See through the camera's finder while the panels hold a pattern of `show`.
+
+        `on_frame` takes each picture as fast as it can, so that none waits, and returns whether
+        that is enough; KeyboardInterrupt is enough, too. picture : whether JPEGs are wanted.
+        """
+        params = {"pattern": pattern, "index": index}
+        job = convert_reply(self.call("preview.live", params), Admission).job
+        asked: dict[str, object] = {"job": job, "picture": picture}
+        number = 0
+        try:
+            while True:
+                request_id = self._send("preview.frame", {**asked, "after": number})
+                frame = convert_reply(self._answer(request_id, None, None), LiveFrame)
+                number = frame.number
+                if on_frame(frame):
+                    break
+        except KeyboardInterrupt:
+            pass
+        except PdcdError:
+            return self._wait(job, None)
+        return self.cancel(job)
 
     def events(self, jobs: str = "all") -> Iterator[Event]:
         """Subscribe, then yield events as they come, until the daemon closes the connection."""

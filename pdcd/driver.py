@@ -45,6 +45,7 @@ Tools for cameras
     `WatchedFolder`, `WatchedFile`    a folder that others write into: listed, read and hashed
     with care; what it tells of a name
     `to_one_line`        text from outside, fit to show
+    `decode_jpeg`        a picture that a finder sent
     `load_profile`       the sensor profile that [camera] names
     `responsivity_e`     what `CameraInfo` says of the answer to light
 
@@ -114,6 +115,7 @@ if TYPE_CHECKING:
         SyncError,
         disk_errors,
     )
+    from pdcd.files.images import decode_jpeg
     from pdcd.files.watched import WatchedFile, WatchedFolder
     from pdcd.panels.balance import play_all, streams
     from pdcd.panels.draw import check_fit, draw, draw_planes
@@ -167,6 +169,7 @@ __all__ = [
     "check_binary",
     "check_fit",
     "check_row_times",
+    "decode_jpeg",
     "disk_errors",
     "draw",
     "draw_planes",
@@ -222,6 +225,7 @@ _ROOMS = {
         "SyncError",
         "disk_errors",
     ),
+    "pdcd.files.images": ("decode_jpeg",),
     "pdcd.files.watched": ("WatchedFile", "WatchedFolder"),
     "pdcd.printable": ("to_one_line",),
     "pdcd.panels.balance": ("play_all", "streams"),

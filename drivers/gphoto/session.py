@@ -238,6 +238,12 @@ class GphotoSession:
             del asked
             return bytes(memoryview(found.get_data_and_size()))
 
+    def see(self) -> bytes:
+        """A picture of the camera's finder, as it sends it."""
+        self.patience.look()
+        with self.errors("see through its finder"):
+            return bytes(memoryview(self._opened().capture_preview().get_data_and_size()))
+
     def _size_bytes(self, file: CameraFile) -> int:
         """What a picture says of its size, 0 for one that says nothing."""
         try:

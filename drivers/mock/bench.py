@@ -35,6 +35,11 @@ if TYPE_CHECKING:
     from pdcd.virtual.optics.bench import OpticalBench
 
 
+_SECOND_NS = 1_000_000_000
+_OF_EXPOSURES = ("frames", "log", "open_ns", "close_ns", "unsettled")
+"""What a live view leaves as it was."""
+
+
 @dataclass
 class MockBench:
     """One virtual bench. The drivers set its fields; `photo` looks at them."""
@@ -57,6 +62,8 @@ class MockBench:
     second: bool = False
     """Whether the second bucket of the sensor is read (`pdcd.panels.frames`)."""
     shared: SharedState = field(default_factory=SharedState)
+    _held: tuple[Frames | None, NDArray[np.float64]] | None = field(default=None, repr=False)
+    """What a display held last for a live view, and the light of it."""
 
     @classmethod
     def of(cls, context: DriverContext) -> MockBench:
@@ -160,9 +167,29 @@ class MockBench:
         """The configuration with the devices as they were before anything was measured."""
         return restore_typed_values(self.config)
 
+    def held_light(self) -> NDArray[np.float64]:
+        """Light at the camera's quads while the display holds what it does, black or a picture:
+        (rows, cols, 3) float64 in scene units, worked out once for each picture."""
+        held = self.shared.held
+        if self._held is None or self._held[0] is not held:
+            kept = {name: getattr(self, name) for name in _OF_EXPOSURES}
+            self.frames, self.log = (held, _hold()) if held else _nothing(self.grid, 0)
+            self.open_ns, self.close_ns, self.unsettled = 0, _SECOND_NS, ""
+            try:
+                self._held = held, self._exposed_quads()
+            finally:
+                vars(self).update(kept)
+        return self._held[1]
+
     def quads(self) -> NDArray[np.float64]:
         """Light of the last exposure at the camera's quads, (rows, cols, 3) float64 in scene units
         times seconds. Raises ExposureError as `photo` does."""
+        if self.shared.held is not None:
+            open_ns, close_ns = self.exposed_ns()
+            return self.held_light() * ((close_ns - open_ns) * 1e-9)
+        return self._exposed_quads()
+
+    def _exposed_quads(self) -> NDArray[np.float64]:
         open_ns, close_ns = self.exposed_ns()
         frames, log = self._played(open_ns)
         if not (self.shared.moving and frames.of_pixels):
@@ -266,6 +293,12 @@ class MockBench:
         else:
             frames, log = self.frames, self.log
         return (invert_mask_patterns(frames) if self.second else frames), log
+
+
+def _hold() -> FrameLog:
+    """The log of panels that show the first refresh for a second."""
+    first, at = np.zeros(1, dtype=np.int32), np.zeros(1, dtype=np.int64)
+    return FrameLog(first, first, at, at, np.array([_SECOND_NS, _SECOND_NS]), first, "held", True)
 
 
 def _nothing(grid: tuple[int, int], at_ns: int) -> tuple[Frames, FrameLog]:

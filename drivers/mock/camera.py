@@ -26,6 +26,7 @@ from pdcd.driver import (
     write_dng,
 )
 from pdcd.sensor.dng import encode_dng
+from pdcd.sensor.finder_picture import choose_finder_gain, draw_finder_picture
 from pdcd.sensor.profile import IsoRow, SensorProfile, expose_sensor
 
 from .bench import MockBench, check_no_options
@@ -38,6 +39,11 @@ _STOP_NEAR = 0.03
 
 _STOP_OFF = 0.07
 """A number further from every stop than half a third is none that the lens has."""
+
+FINDER_S = 1.0 / 15.0
+"""Time from one picture of a finder to the next."""
+_FINDER_GAIN = 64.0
+"""Most by which a finder brightens what has too little light."""
 
 _READOUT_S = 0.2
 """Time from the end of the exposure until the file is there."""
@@ -105,6 +111,20 @@ class BenchSensor:
         self._bench.second = False
         self._bench.photo_taken()
         return planes
+
+    def finder(self, f_number: float) -> NDArray[np.uint8]:
+        """What the finder shows of the panels as they stand: exposed by itself, for the time of a
+        picture at most, with the noise of that."""
+        rate = self._bench.held_light() * self._true_responsivity_e
+        rate /= self._true_stop(f_number) ** 2
+        full_e = self._true.full_well_e
+        shown_s = min(FINDER_S, full_e * choose_finder_gain(rate))
+        charge_e = rate * shown_s
+        if self._config.noise == "full":
+            read_e = self._true.rows[-1].read_noise_e
+            charge_e += np.sqrt(charge_e + read_e**2) * self._rng.standard_normal(charge_e.shape)
+        gain = min(choose_finder_gain(rate * shown_s), _FINDER_GAIN / full_e)
+        return draw_finder_picture(charge_e * gain)
 
     def _plane(self, iso: int, f_number: float) -> _Photo:
         bench = self._bench

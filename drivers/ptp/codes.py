@@ -61,6 +61,7 @@ class Operation(IntEnum):
     EOS_REQUEST_DEVICE_PROP_VALUE = 0x9127
     EOS_REMOTE_RELEASE_ON = 0x9128
     EOS_REMOTE_RELEASE_OFF = 0x9129
+    EOS_GET_VIEW_FINDER_DATA = 0x9153
 
 
 class ResponseCode(IntEnum):
@@ -84,6 +85,7 @@ class ResponseCode(IntEnum):
     INVALID_PARAMETER = 0x201D
     SESSION_ALREADY_OPEN = 0x201E
     TRANSACTION_CANCELLED = 0x201F
+    EOS_NOT_READY = 0xA102
 
 
 class EosEvent(IntEnum):
@@ -117,6 +119,10 @@ class Property(IntEnum):
     CURRENT_STORAGE = 0xD11E
     IMAGE_FORMAT = 0xD120
     """In a packed form of its own, see `drivers.ptp.events.AvailList`."""
+    FINDER_OUTPUT = 0xD1B0
+    """Where live view goes: bits of its own screen and of the computer."""
+    FINDER_MODE = 0xD1B1
+    """Whether live view is allowed at all."""
     CUSTOM_FUNCTIONS = 0xD1A0
     """In a packed form of its own, see `drivers.ptp.datasets.parse_custom_functions`."""
 
@@ -164,6 +170,15 @@ Canon's own table for EOS bodies; not seen on a 450D by us."""
 
 DESTINATION_RAM = 4
 """`Property.CAPTURE_DESTINATION` of the computer; the list's other value is the card."""
+
+FINDER_OFF, FINDER_SCREEN, FINDER_PC = 0, 1, 2
+"""`Property.FINDER_OUTPUT` values."""
+
+FINDER_WHOLE = 0x00100000
+"""Parameter of `Operation.EOS_GET_VIEW_FINDER_DATA`, as libgphoto2 saw it in traces."""
+
+FINDER_JPEG = frozenset({1, 9, 11})
+"""Types of the blocks of its data that hold a JPEG; others tell of focus and exposure."""
 
 SHUTTER_BULB = (0x0C, 0x04)
 """`Property.SHUTTER_SPEED` values that mean bulb; the 450D lists the first."""

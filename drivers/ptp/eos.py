@@ -3,7 +3,7 @@
 The body tells its settings and what each may be set to in events, once a session; so everything
 known about it comes from `poll`. An event also says that a photo waits.
 
-Not modelled: focusing, live view, timed exposures, movies.
+Not modelled: focusing, timed exposures, movies.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from pdcd.driver import (
 from .bulb import Bulb, choose_method
 from .codes import (
     DESTINATION_RAM,
+    FINDER_OFF,
+    FINDER_PC,
     PC_HDD_ROOM,
     SHUTTER_BULB,
     ExposureMode,
@@ -362,6 +364,8 @@ class EosCamera(Told):
                 self._begin_closed()
             raise
         self._begin_closed()
+        if self.values.get(Property.FINDER_OUTPUT, 0) & FINDER_PC:  # left on by one that was killed
+            self.set_value(Property.FINDER_OUTPUT, FINDER_OFF, "the end of live view")
         self.set_value(Property.CAPTURE_DESTINATION, self._destination(), "the destination")
         if self.options.destination == "ram":
             self._must(Operation.EOS_PC_HDD_CAPACITY, *PC_HDD_ROOM)

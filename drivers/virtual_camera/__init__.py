@@ -58,7 +58,8 @@ def make_bench_backend(
     if fixed != "auto" and float(fixed) not in {APERTURE_CODES[code] for code in stops}:
         stops = ()
     fitted = replace(model, isos=isos, apertures=stops)
-    return VirtualUsb(CameraBody(context.clock, film, fitted, script))
+    body = CameraBody(context.clock, film, fitted, script, finder=film.make_finder_jpeg)
+    return VirtualUsb(body)
 
 
 class BenchUsb:

@@ -8,13 +8,14 @@ Modelled: session; remote and event mode; the property list told once a session;
 against the camera's own lists; destination, room on the computer and the memory that stays full
 until a transfer is said to be complete; bulb by BulbStart/End or RemoteReleaseOn/Off, timed
 releases, a cable release; files announced on the card or in memory, whole and partial reads,
-deletion; the class requests; `drivers.virtual_camera.faults`.
+deletion; live view of fifteen pictures a second; the class requests;
+`drivers.virtual_camera.faults`.
 
 Assumed, as no body was at hand: a release with autofocus on, with an empty battery or with the dial
 off M is a GeneralError; a shutter held open stays open when the session, the connection or the
-device is reset, until it is told to close. Not modelled: mirror, focusing, live view and everything
-else that answers OperationNotSupported though the body lists it; checking of transaction ids; the
-pace of the USB; automatic power-off; a full or missing card; settings at their true pace.
+device is reset, until it is told to close. Not modelled: mirror, focusing and everything else that
+answers OperationNotSupported though the body lists it; checking of transaction ids; the pace of the
+USB; automatic power-off; a full or missing card; settings at their true pace.
 """
 
 from __future__ import annotations
@@ -26,7 +27,15 @@ from typing import ClassVar
 
 from pdcd.driver import Clock
 
-from ..ptp.codes import EosEvent, ExposureMode, FocusMode, Operation, Property, ResponseCode
+from ..ptp.codes import (
+    FINDER_PC,
+    EosEvent,
+    ExposureMode,
+    FocusMode,
+    Operation,
+    Property,
+    ResponseCode,
+)
 from ..ptp.containers import WireError
 from ..ptp.datasets import parse_property_set
 from ..ptp.events import EosRecord, ObjectAdded, PlainRecord, pack_events
@@ -46,6 +55,8 @@ DATA_OUT = frozenset(
 _WITHOUT_SESSION = frozenset({Operation.GET_DEVICE_INFO, Operation.OPEN_SESSION})
 _HALF, _FULL = 1, 2
 _NO_FOCUS = 1
+_FINDER_NS = 66_666_667
+"""From one picture of the finder to the next."""
 
 
 _Handler = Callable[["CameraBody", tuple[int, ...], bytes], CameraReply]
@@ -61,7 +72,9 @@ class CameraBody:
         model: CameraModel = BULB_BODY,
         script: FaultScript | None = None,
         develop: Develop = develop_at_once,
+        finder: Callable[[], bytes] | None = None,
     ) -> None:
+        """finder : makes the JPEG of a picture of live view; None: this body has none."""
         self.model = model
         self.script = script or FaultScript()
         self.clock = clock
@@ -74,6 +87,8 @@ class CameraBody:
         self.ui_locked = False
         self.kept_on = 0
         """How often the client asked to be kept on."""
+        self._finder = finder
+        self._finder_due_ns = 0
         self._occasions = Occasions(self.script)
         self._reading = make_read_handlers(self.store, self.settings, model)
         self._session: int | None = None
@@ -297,6 +312,19 @@ class CameraBody:
         self._count_shots(tell=True)
         return OK
 
+    def _view_finder(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
+        """Blocks of length, type and content, the picture among them, once there is a new one."""
+        now_ns = self.clock.now_ns()
+        if self._finder is None or not self.settings[Property.FINDER_OUTPUT] & FINDER_PC:
+            return make_error_reply(ResponseCode.GENERAL_ERROR)
+        if now_ns < self._finder_due_ns:
+            return make_error_reply(ResponseCode.EOS_NOT_READY)
+        self._finder_due_ns = max(self._finder_due_ns, now_ns - _FINDER_NS) + _FINDER_NS
+        jpeg = self._finder()
+        blocks = ((3, bytes(16)), (1, jpeg), (14, bytes(4)))
+        packed = (struct.pack("<II", 8 + len(held), kind) + held for kind, held in blocks)
+        return CameraReply(data=b"".join(packed))
+
     # The release
 
     def _refusal(self) -> ResponseCode | None:
@@ -358,4 +386,5 @@ class CameraBody:
         Operation.EOS_BULB_END: _bulb_end,
         Operation.EOS_REMOTE_RELEASE_ON: _release_on,
         Operation.EOS_REMOTE_RELEASE_OFF: _release_off,
+        Operation.EOS_GET_VIEW_FINDER_DATA: _view_finder,
     }

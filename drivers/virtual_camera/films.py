@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.driver import DriverContext, load_profile
+from pdcd.files.images import encode_jpeg
 from pdcd.sensor.dng import encode_dng
 from pdcd.virtual.scene.build import build_scene
 
@@ -43,6 +44,10 @@ class BenchFilm:
     def isos(self) -> tuple[int, ...]:
         """What the bench's sensor profile has."""
         return self._sensor.profile.isos
+
+    def make_finder_jpeg(self) -> bytes:
+        """What the finder shows of the bench now."""
+        return encode_jpeg(self._sensor.finder(self._fixed_f_number))
 
     def open(self, asked_ns: int) -> int:
         """Open the bench's shutter, late by its lag."""

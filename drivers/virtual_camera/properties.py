@@ -8,6 +8,9 @@ from ..ptp.codes import (
     APERTURE_CODES,
     CUSTOM_LONG_EXPOSURE_NR,
     DESTINATION_RAM,
+    FINDER_OFF,
+    FINDER_PC,
+    FINDER_SCREEN,
     ISO_CODES,
     SHUTTER_BULB,
     ExposureMode,
@@ -35,6 +38,7 @@ class Properties:
             Property.ISO: model.isos,
             Property.DRIVE_MODE: model.drive_modes,
             Property.CAPTURE_DESTINATION: model.destinations,
+            Property.FINDER_OUTPUT: (FINDER_OFF, FINDER_SCREEN, FINDER_PC),
         }
         bulb_dial = script.dial is ExposureMode.BULB
         self._values: dict[int, int] = {
@@ -49,6 +53,7 @@ class Properties:
             Property.AVAILABLE_SHOTS: 0 if script.buffer_full else _CARD_SHOTS,
             Property.CAPTURE_DESTINATION: DESTINATION_CARD,
             Property.CURRENT_STORAGE: STORAGE,
+            Property.FINDER_OUTPUT: FINDER_OFF,
         }
         nr = 2 if script.long_exposure_nr else 0
         self._packed: dict[int, bytes] = {

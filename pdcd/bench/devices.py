@@ -277,9 +277,11 @@ class RecheckingReadout(Readout, Protocol):
 class Preview(Protocol):
     """The camera's finder: small pictures, several a second, to aim and to focus by.
 
-    A role of its own (`preview`), which a bench may lack. Such pictures are looked at and never
-    measured. It is not used while a photo is armed, and shares one camera with shutter and readout
-    by `DriverContext.the`.
+    A role of its own (`preview`), which a bench may lack: it goes by the name of the camera's
+    driver, and without one `pdcd preview` takes photos, one after the other. Such pictures are
+    looked at and never measured. It is not used while a photo is armed, and shares one camera with
+    shutter and readout by `DriverContext.the`. All calls come from a thread of its own, which is
+    left behind where one hangs.
     """
 
     def connect(self) -> dict[str, str]:
@@ -332,6 +334,9 @@ class SharedState:
     moving: bool = False
     """Whether the shutter of this exposure is meant to move while the panels show their frames: a
     camera that times it then leaves out its margin."""
+    held: Frames | None = None
+    """What the display holds for a live view, put here by the rig: virtual cameras see it. None
+    while it holds nothing."""
     pixels: ShownPictures | None = None
     """The panels' own pixels of the same frames, from a display that looks at them: a virtual
     camera believes these rather than the frame log."""

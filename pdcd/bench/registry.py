@@ -46,6 +46,9 @@ DRIVERS: Mapping[tuple[str, str], str] = {
     ("readout", "mock"): f"{PACKAGE}.mock:MockReadout",
     ("readout", "ptp"): f"{PACKAGE}.ptp.readout:PtpReadout",
     ("readout", "virtual-genicam"): f"{PACKAGE}.virtual_genicam.bench:VirtualGenicamReadout",
+    ("preview", "gphoto2"): f"{PACKAGE}.gphoto.finder:GphotoPreview",
+    ("preview", "mock"): f"{PACKAGE}.mock:MockPreview",
+    ("preview", "ptp"): f"{PACKAGE}.ptp.finder:PtpPreview",
     ("usb", "virtual"): f"{PACKAGE}.virtual_camera:BenchUsb",
 }
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""

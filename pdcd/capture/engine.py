@@ -26,12 +26,13 @@ from pdcd.capture.job import (
     mark_used,
 )
 from pdcd.capture.rig import Rig
+from pdcd.capture.rig_view import describe_rig
 from pdcd.capture.run import CaptureRun
 from pdcd.capture.worker.answers import RigFacts
 from pdcd.capture.worker.proxy import InProcessWorker, WorkerProxy
 from pdcd.capture.worker.worker import Worker
-from pdcd.errors import Cancelled, DeviceLost, PdcdError, make_error, to_typed_error
-from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file, refuse_unsound
+from pdcd.errors import Cancelled, DeviceLost, PdcdError, to_typed_error
+from pdcd.panels.frames import Frames
 from pdcd.planning.bench_fit import with_grid
 from pdcd.planning.defaults import is_camera_needed, is_search_needed
 from pdcd.planning.schedule_fit import is_lag_needed
@@ -39,9 +40,9 @@ from pdcd.protocol.events import Emit, Event
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.views import CameraView, DriverView, OwnerView, PreviewView, RigView
+from pdcd.protocol.views import LiveFrame, OwnerView, PreviewView, RigView
 from pdcd.recipes.arrays import NO_ARRAYS, Given
-from pdcd.runs.folder import RunFolder, read_manifest
+from pdcd.runs.folder import RunFolder
 from pdcd.runs.place import HeldFolder
 from pdcd.sensor.profile import load_profile
 from pdcd.virtual.scene.build import CARD
@@ -193,36 +194,7 @@ class Engine:
 
     def describe(self) -> RigView:
         """The rig: drivers, panels, camera, scene."""
-        config, rig = self._config, self._rig
-        drivers = {
-            "display": config.display.driver,
-            "shutter": config.trigger.driver,
-            "readout": config.camera.driver,
-        }
-        camera = None
-        if rig.camera_info is not None:
-            info = rig.camera_info
-            camera = CameraView(
-                model=info.model,
-                serial=info.serial,
-                profile=info.profile,
-                responsivity_e=tuple(info.responsivity_e.tolist()),
-                isos=info.isos,
-                f_numbers=info.f_numbers,
-            )
-        return RigView(
-            name=config.rig.name,
-            mock=rig.mock,
-            grid=self.grid,
-            drivers={
-                role: DriverView(name=name, maturity=rig.maturity[role])
-                for role, name in drivers.items()
-            },
-            display=rig.display_info,
-            shutter=rig.shutter_info,
-            camera=camera,
-            scene=None if rig.scene is None else rig.scene.name,
-        )
+        return describe_rig(self._rig)
 
     def plan(
         self,
@@ -259,17 +231,20 @@ class Engine:
 
         Raises DeviceLost when the panels do not go black.
         """
-        if pattern == "black":
-            if not self._rig.make_safe():
-                raise DeviceLost(
-                    "the panels may still be lit", device="display", hint="see the daemon's log"
-                )
-            return
-        from pdcd.capture.show import (
-            make_pattern_frames,  # no capture waits for pictures to look at
-        )
+        frames = self._make_still(pattern, index)
+        if frames is not None:
+            self._rig.display.show(frames)
+        elif not self._rig.make_safe():
+            raise DeviceLost(
+                "the panels may still be lit", device="display", hint="see the daemon's log"
+            )
 
-        self._rig.display.show(make_pattern_frames(pattern, index, self.grid, self._config))
+    def _make_still(self, pattern: str, index: int) -> Frames | None:
+        if pattern == "black":
+            return None
+        from pdcd.capture.show import make_pattern_frames  # no capture waits for what to look at
+
+        return make_pattern_frames(pattern, index, self.grid, self._config)
 
     def preview(
         self,
@@ -283,7 +258,7 @@ class Engine:
 
         `emit` and `cancelled` are those of `capture`. Raises the error that the photo ended by.
         """
-        from pdcd.capture.previews import remove_old_previews  # no capture has it
+        from pdcd.capture.previews import read_preview, remove_old_previews  # no capture has it
 
         request = CaptureRequest(
             goal="white", codes=4, window="whole", guards=False, black_level="none"
@@ -293,19 +268,30 @@ class Engine:
                 request, job=job, owner=owner, emit=emit, cancelled=cancelled, parent=parent
             )
             remove_old_previews(parent.path)
-        if result.folder is None or result.state != "done":
-            error = result.error or {}
-            raise make_error(*(error.get(f) for f in ("kind", "message", "device", "hint")))
-        folder = Path(result.folder)
-        path = folder / "preview" / "white.png"
-        cells = read_manifest(folder).run.cells
-        height, width = (0, 0) if cells is None else cells.frame
-        with refuse_unsound(path):
-            digest = hash_file(path, MAX_PICTURE_BYTES)
-        return PreviewView(
-            path=str(path),
-            sha256=digest,
-            shape=(height, width, 3),
+        return read_preview(result)
+
+    def live(
+        self,
+        pattern: str,
+        index: int = 0,
+        *,
+        job: str,
+        tell: Callable[[LiveFrame], object],
+        cancelled: _Asked,
+        ended: _Asked = _never,
+    ) -> CaptureResult:
+        """Show what the camera's finder sees while the panels hold a pattern of `show`, until
+        `cancelled()` or `ended()`; never raises for what goes wrong, and leaves the rig as
+        `capture` does. `tell` takes each picture."""
+        from pdcd.capture.live import run_live_view  # nobody else waits for finders
+
+        return run_live_view(
+            self._rig,
+            lambda: self._make_still(pattern, index),
+            job=job,
+            tell=tell,
+            cancelled=cancelled,
+            ended=ended,
         )
 
     def capture(

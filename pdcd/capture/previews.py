@@ -7,6 +7,12 @@ import re
 import shutil
 from pathlib import Path
 
+from pdcd.errors import make_error
+from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file, refuse_unsound
+from pdcd.protocol.result import CaptureResult
+from pdcd.protocol.views import PreviewView
+from pdcd.runs.folder import read_manifest
+
 logger = logging.getLogger(__name__)
 
 PREVIEWS_KEPT = 8
@@ -32,3 +38,17 @@ def remove_old_previews(folder: Path) -> None:
             shutil.rmtree(old)  # does not follow links
         except OSError as err:
             logger.warning("cannot remove an old preview folder=%s error=%s", old, err)
+
+
+def read_preview(result: CaptureResult) -> PreviewView:
+    """What is told of a preview that was taken. Raises the error that its photo ended by."""
+    if result.folder is None or result.state != "done":
+        error = result.error or {}
+        raise make_error(*(error.get(f) for f in ("kind", "message", "device", "hint")))
+    folder = Path(result.folder)
+    path = folder / "preview" / "white.png"
+    cells = read_manifest(folder).run.cells
+    height, width = (0, 0) if cells is None else cells.frame
+    with refuse_unsound(path):
+        digest = hash_file(path, MAX_PICTURE_BYTES)
+    return PreviewView(path=str(path), sha256=digest, shape=(height, width, 3))

@@ -117,6 +117,13 @@ class Rig:
         self._arming_ns = 0
         self._readouts_ns: deque[int] = deque(maxlen=_LAST_PHOTOS)
         self._photos: set[str] = set()
+        self.hangs: Callable[[], bool] = lambda: False
+        """Whether the camera is still in a call of a live view that was left behind."""
+
+    @property
+    def context(self) -> DriverContext:
+        """What its drivers were made with."""
+        return self._context
 
     @property
     def camera(self) -> CameraInfo | None:
@@ -320,6 +327,12 @@ class Rig:
         when it did, and is good for nothing else. Raises ExposureError when the frames ended first,
         and ConfigError for rows with times of their own that the display does not know.
         """
+        if self.hangs():
+            raise DeviceLost(
+                "the camera still hangs in a live view",
+                device="camera",
+                hint="switch it off and on",
+            )
         settle_ns = round(self.config.rig.settle_s * 1e9)
         settings = self._timed(settings, frames, moving)
         self.display.load(frames)

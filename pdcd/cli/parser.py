@@ -27,6 +27,7 @@ own: one that was typed before the command must not be lost."""
 _PATTERNS = (*get_args(PatternName), *get_args(MovingName))
 _WORDS = {
     "<patterns>": ", ".join(_PATTERNS),
+    "<still>": ", ".join(get_args(PatternName)),
     "<steps>": ", ".join(get_args(StepName)),
     "<when>": WHEN,
 }
@@ -43,7 +44,7 @@ _TYPES: dict[str, Callable[[str], Any]] = {
     "SHARE": parse_share,
 }
 """Type of a value by the (first) word that stands for it; a text where it is none of these."""
-_CHOICES = {"GOAL": get_args(GoalName), "PATTERN": _PATTERNS}
+_CHOICES = {"GOAL": get_args(GoalName), "PATTERN": _PATTERNS, "STILL": get_args(PatternName)}
 """What a value may be, by the word that stands for it."""
 
 

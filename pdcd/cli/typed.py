@@ -110,6 +110,14 @@ show  panels:show_pattern  show a pattern on both panels, without a camera
   --seconds S                 end by itself
   --detach                    leave it on the daemon's panels and return
   @client
+preview  preview:show_live_view  see what the camera sees, with its focus, until Ctrl-C
+  pattern [STILL]=white       on both panels meanwhile: one of <still>
+  --index N=0                 which code
+  --seconds S                 end by itself
+  --out PNG                   keep the last picture
+  --web                       on a page in a browser, as pdcd web has it
+  --port N=8137               of that page; 0 takes a free one
+  @client
 timing  panels:measure_timing  measure how regularly the panels show codes
   --frames N=3000             refreshes to show
   --out PNG                   write histograms of the times

@@ -19,8 +19,9 @@ from pdcd.extras import suggest_install
 from pdcd.server import log
 
 
-def serve_web(args: argparse.Namespace) -> int:
-    """Serve the page until interrupted; the address to be opened is printed once."""
+def serve_web(args: argparse.Namespace, first: str = "") -> int:
+    """Serve the page until interrupted; the address to be opened is printed once. first : what the
+    page begins with: "live" for a live view."""
     log.send_to_stderr()
     try:
         from pdcd.web.serve import bind_loopback, run_page_server
@@ -34,7 +35,7 @@ def serve_web(args: argparse.Namespace) -> int:
             connect_daemon(args, drives=True, coming_s=0.0).close()
 
     def opened(address: str) -> None:
-        say(address)
+        say(f"{address}.{first}" if first else address)
         tell_user("open that address in a browser here; it is good until Ctrl-C ends the page")
 
     asyncio.run(

@@ -1,4 +1,5 @@
-"""Image files of a run folder: TIFF of float32, laid out byte by byte as libtiff does, and PNG.
+"""Image files of a run folder: TIFF of float32, laid out byte by byte as libtiff does, and PNG; and
+JPEGs of a finder.
 
 Float values are linear and come back exactly, negative ones and NaN as well. Files are compared by
 their hashes when a run is decoded again, so that a run's pictures must not depend on who wrote
@@ -20,6 +21,10 @@ _SIZES = {_SHORT: 2, _LONG: 4}
 _RGB, _FLOAT = 2, 3
 _UNCOMPRESSED, _INTERLEAVED = 1, 1
 _HEADER_BYTES = 8
+_JPEG_QUALITY = 85
+_MOST_JPEG_PX = 4096
+"""Longest side of a JPEG that is decoded: those of finders are far smaller, and their headers may
+say anything."""
 
 
 def make_tiff_ends(image: NDArray[np.float32]) -> tuple[bytes, bytes]:
@@ -69,3 +74,33 @@ def encode_png(picture: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     """An (H, W, 3) RGB picture as the content of a PNG file of as many bits a colour."""
     _, data = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
     return data.tobytes()
+
+
+def encode_jpeg(picture: NDArray[np.uint8]) -> bytes:
+    """An (H, W) grey or (H, W, 3) RGB picture as a JPEG, to be looked at."""
+    shown = picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1])
+    return cv2.imencode(".jpg", shown, (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY))[1].tobytes()
+
+
+def decode_jpeg(data: bytes) -> NDArray[np.uint8] | None:
+    """The (H, W, 3) RGB picture of a JPEG that a device sent; None where it is none, or larger than
+    any finder's. For drivers."""
+    if not data.startswith(b"\xff\xd8") or not 0 < _read_jpeg_side(data) <= _MOST_JPEG_PX:
+        return None
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error:
+        return None
+    return None if picture is None else np.ascontiguousarray(picture[..., ::-1], np.uint8)
+
+
+def _read_jpeg_side(data: bytes) -> int:
+    """The longer side that a JPEG's frame header tells; 0 where there is none (ITU T.81, B.1)."""
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        kind = data[at + 1]
+        if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):
+            height, width = data[at + 5 : at + 7], data[at + 7 : at + 9]
+            return max(int.from_bytes(height), int.from_bytes(width))
+        at += 1 if kind == 0xFF else 2 + struct.unpack_from(">H", data, at + 2)[0]
+    return 0

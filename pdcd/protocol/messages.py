@@ -24,7 +24,7 @@ from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.views import ClientRole, OwnerView, PreviewView, RigView
+from pdcd.protocol.views import ClientRole, LiveFrame, OwnerView, PreviewView, RigView
 from pdcd.words import JobKind, JobState, PatternName
 
 _T = TypeVar("_T")
@@ -122,10 +122,25 @@ class JobParams(_Params, frozen=True):
     job: Annotated[str, Meta(max_length=64)]
 
 
+class FrameParams(JobParams, frozen=True):
+    """`preview.frame`: the newest picture after that number, awaited, with its JPEG or without."""
+
+    after: Annotated[int, Meta(ge=0, lt=2**53)] = 0
+    picture: bool = True
+
+
 class ListParams(_Params, frozen=True):
     """`capture.list`: which runs of the state folder to find, too."""
 
     find: RunQuery | None = None
+
+
+class LiveParams(_Params, frozen=True):
+    """`preview.live`: what the panels hold meanwhile; `index` picks the code of the pattern
+    "code"."""
+
+    pattern: PatternName = "white"
+    index: Annotated[int, Meta(ge=0, lt=2**31)] = 0
 
 
 class ShowParams(_Params, frozen=True):
@@ -163,7 +178,7 @@ class Hello(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Admission(msgspec.Struct, frozen=True, kw_only=True):
-    """Answer of `capture.start`, `calibrate.start` and `calibrate.proceed`."""
+    """Answer of `capture.start`, `calibrate.start`, `calibrate.proceed` and `preview.live`."""
 
     job: str
     state: JobState
@@ -172,8 +187,8 @@ class Admission(msgspec.Struct, frozen=True, kw_only=True):
 class JobView(msgspec.Struct, frozen=True, kw_only=True):
     """One job as `capture.list` and `rig.status` show it.
 
-    `goal` is that of a capture or a plan, the pattern of a show, "white" for a preview, the steps
-    of a calibration.
+    `goal` is that of a capture or a plan, the pattern of a show or a live view, "white" for a
+    preview, the steps of a calibration.
     """
 
     job: str
@@ -298,6 +313,9 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "calibrate.proceed": Method(JobParams, Admission, ClientRole.SHOOT),
         "display.show": Method(ShowParams, ShowReply, ClientRole.SHOOT),
         "preview.grab": Method(NoParams, PreviewView, ClientRole.SHOOT),
+        "preview.live": Method(LiveParams, Admission, ClientRole.SHOOT),
+        # Another user's job: administrators only, as with capture.cancel.
+        "preview.frame": Method(FrameParams, LiveFrame, ClientRole.SHOOT),
         "events.subscribe": Method(SubscribeParams, Subscription),
         "events.unsubscribe": Method(NoParams, Subscription),
     }

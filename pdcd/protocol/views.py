@@ -64,6 +64,25 @@ class PreviewView(msgspec.Struct, frozen=True, kw_only=True):
     """Rows, columns, channels."""
 
 
+class LiveFrame(msgspec.Struct, frozen=True, kw_only=True):
+    """A picture of a live view, and what it tells; figures are of linear light, over the field
+    where its place is known, else over all of the picture."""
+
+    number: Annotated[int, Meta(ge=1, description="counts the pictures of the job")]
+    t_mono_ns: Annotated[int, Meta(description="when the camera had given it, as event times are")]
+    rate_hz: Annotated[float, Meta(ge=0.0, description="pictures a second, lately")]
+    focus: Annotated[float, Meta(ge=0.0, description="depth of the finest detail, over the mean")]
+    best: Annotated[float, Meta(ge=0.0, description="the deepest so far")]
+    mean: Annotated[float, Meta(ge=0.0, le=1.0, description="mean light, as a share of white")]
+    saturated: Annotated[float, Meta(ge=0.0, le=1.0, description="share of pixels that are white")]
+    outline: tuple[tuple[float, float], ...] = ()
+    """Edge of the field, 0..1 right and down; none where nothing says where the camera lies."""
+    size_px: tuple[int, int]
+    """Width and height of `jpeg`."""
+    jpeg: bytes = b""
+    """The picture; empty where it was not asked for."""
+
+
 class ClientRole(enum.IntEnum):
     """What a client may do; each role may all that the ones below it may."""
 

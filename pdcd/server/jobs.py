@@ -6,8 +6,9 @@
                 └── cancel ──> cancelled
 
 Every use of the rig is a job: a capture, a plan, a picture held on the panels (show), a preview, a
-calibration.
-One runs at a time. A show has no end of its own, and gives way to whatever else its owner asks for.
+live view, a calibration.
+One runs at a time. A show and a live view have no end of their own, and give way to whatever else
+their owner asks for.
 All of this is used from one thread (the event loop's); only the flags of `Job` are touched by the
 thread that captures.
 
@@ -31,11 +32,11 @@ import msgspec
 from pdcd.errors import BusyError, Cancelled, RequestError, to_error_fields, to_typed_error
 from pdcd.files.text import encode_json
 from pdcd.protocol.events import Emit, Event
-from pdcd.protocol.messages import MAX_LINE, JobView, ShowParams, ShowReply
+from pdcd.protocol.messages import MAX_LINE, JobView, LiveParams, ShowParams, ShowReply
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult, make_job_id
-from pdcd.protocol.views import OwnerView, PreviewView, RigView
+from pdcd.protocol.views import LiveFrame, OwnerView, PreviewView, RigView
 from pdcd.recipes.arrays import NO_ARRAYS, Given
 from pdcd.runs.place import HeldFolder
 from pdcd.words import JobKind, JobState
@@ -127,6 +128,20 @@ class EngineLike(Protocol):
         """Both panels show "black", "white", "checker", "grid" or pattern `index` of "code"."""
         ...
 
+    def live(
+        self,
+        pattern: str,
+        index: int,
+        *,
+        job: str,
+        tell: Callable[[LiveFrame], object],
+        cancelled: Callable[[], bool],
+        ended: Callable[[], bool],
+    ) -> CaptureResult:
+        """Show what the camera's finder sees until it was cancelled, or has `ended()`, with the
+        promises of `capture`; `tell` takes each picture."""
+        ...
+
     def preview(
         self, *, job: str, owner: OwnerView, emit: Emit, cancelled: Callable[[], bool]
     ) -> PreviewView:
@@ -148,7 +163,7 @@ class Owner:
         return OwnerView(uid=self.uid, pid=self.pid, user=self.user)
 
 
-JobRequest = CaptureRequest | ShowParams | CalibrateRequest
+JobRequest = CaptureRequest | ShowParams | LiveParams | CalibrateRequest
 """What a job was asked to do."""
 JobAnswer = PlanSummary | ShowReply | PreviewView
 """What the request that started a job is told, where that is more than its result."""
@@ -180,7 +195,11 @@ class Job:
     untold: int = 2
     """How often its end may still be told, as long as that fails."""
     given_up: bool = False
-    """Of a show: its owner wants the panels for something else."""
+    """Of a show or a live view: its owner wants the rig for something else."""
+    frame: LiveFrame | None = None
+    """Of a live view: the newest picture."""
+    news: asyncio.Event = field(default_factory=asyncio.Event)
+    """Of a live view: set once there is a newer one, or its end; each has an event of its own."""
     ended: asyncio.Event = field(default_factory=asyncio.Event)
     answered: asyncio.Event = field(default_factory=asyncio.Event)
     let_go: asyncio.Event = field(default_factory=asyncio.Event)
@@ -196,12 +215,18 @@ class Job:
         request = self.request
         if isinstance(request, CalibrateRequest):
             return " ".join(request.steps) or "all"
-        return request.pattern if isinstance(request, ShowParams) else request.goal
+        return request.pattern if isinstance(request, ShowParams | LiveParams) else request.goal
 
     def gives_way_to(self, owner: Owner) -> bool:
         """Whether this user's next job may take its place: a picture of one's own is in nobody's
         way."""
-        return self.kind == "show" and self.owner.uid == owner.uid
+        return self.kind in ("show", "live") and self.owner.uid == owner.uid
+
+    def see(self, frame: LiveFrame) -> None:
+        """Take the newest picture, and wake who waits for it."""
+        if self.state not in ENDED:
+            seen, self.frame, self.news = self.news, frame, asyncio.Event()
+            seen.set()
 
     def numbered(self, event: Event, t_mono_ns: int) -> Event:
         """The event as the next one of this job, whatever its common fields were."""
@@ -342,6 +367,7 @@ class JobTable:
             job.result = fit_into_line(result)
         job.state = job.result.state
         job.given = NO_ARRAYS
+        job.frame = None
         with suppress(ValueError):
             self.queue.remove(job)
         ended = self._ended.setdefault(job.kind, deque())

@@ -25,12 +25,14 @@ from pdcd.protocol.messages import (
     Admission,
     CalibrateParams,
     ClockAnchor,
+    FrameParams,
     GoalView,
     Hello,
     HelloReply,
     JobList,
     JobParams,
     ListParams,
+    LiveParams,
     PlanParams,
     Pong,
     RigDescription,
@@ -45,7 +47,7 @@ from pdcd.protocol.messages import (
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.views import ClientRole, PreviewView, RigView
+from pdcd.protocol.views import ClientRole, LiveFrame, PreviewView, RigView
 from pdcd.recipes.arrays import NO_ARRAYS, Given
 from pdcd.recipes.goals import KEEPS
 from pdcd.runs.index import search_runs
@@ -60,7 +62,7 @@ from pdcd.server.turns import UserTurns
 from pdcd.server.worker import EngineThread
 from pdcd.version import __version__
 
-_OWNERS = frozenset({"capture.cancel", "calibrate.proceed"})
+_OWNERS = frozenset({"capture.cancel", "calibrate.proceed", "preview.frame"})
 """What of another user's job only an administrator may do."""
 
 _A = TypeVar("_A", PlanSummary, ShowReply, PreviewView)
@@ -112,6 +114,8 @@ class Methods:
             "calibrate.proceed": self._proceed,
             "display.show": self._show,
             "preview.grab": self._preview,
+            "preview.live": self._live,
+            "preview.frame": self._frame,
             "events.subscribe": self._subscribe,
             "events.unsubscribe": self._unsubscribe,
         }
@@ -306,6 +310,14 @@ class Methods:
             CaptureRequest(goal="white"), NO_ARRAYS, _owner(caller), kind="preview"
         )
         return await self._answer(job, PreviewView)
+
+    async def _live(self, caller: Caller, params: LiveParams) -> Admission:
+        job = self._runner.start(params, NO_ARRAYS, _owner(caller), kind="live")
+        return Admission(job=job.name, state=job.state)
+
+    async def _frame(self, caller: Caller, params: FrameParams) -> LiveFrame:
+        frame = await self._runner.see_next(params.job, params.after)
+        return frame if params.picture else msgspec.structs.replace(frame, jpeg=b"")
 
     async def _subscribe(self, caller: Caller, params: SubscribeParams) -> Subscription:
         caller.interest = params.jobs

@@ -15,14 +15,14 @@ from collections.abc import Callable
 
 import msgspec
 
-from pdcd.errors import Cancelled, PdcdError, make_error
+from pdcd.errors import Cancelled, PdcdError, RequestError, make_error
 from pdcd.protocol import events
 from pdcd.protocol.events import Event
-from pdcd.protocol.messages import ShowParams, ShowReply, to_wire_types
+from pdcd.protocol.messages import LiveParams, ShowParams, ShowReply, to_wire_types
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.views import PreviewView
+from pdcd.protocol.views import LiveFrame, PreviewView
 from pdcd.recipes.arrays import Given
 from pdcd.runs.place import HeldFolder
 from pdcd.server.jobs import (
@@ -125,6 +125,22 @@ class Runner:
             error = {} if job.result is None else job.result.error or {}
             raise make_error(*(error.get(f) for f in ("kind", "message", "device", "hint")))
         return job.answer
+
+    async def see_next(self, name: str, after: int) -> LiveFrame:
+        """The newest picture of a live view, once one has come after that number.
+
+        Raises RequestError for a job that is none, and the error that it ended by.
+        """
+        job = self.table.get(name)
+        if job.kind != "live":
+            raise RequestError(f"job {name} is no live view", hint="begin one with preview.live")
+        while (frame := job.frame) is None or frame.number <= after:
+            if job.ended.is_set():
+                gone = {"kind": "cancelled", "message": "the live view gave way to another job"}
+                error = gone if job.result is None else job.result.error or gone
+                raise make_error(*(error.get(f) for f in ("kind", "message", "device", "hint")))
+            await job.news.wait()
+        return frame
 
     async def cancel(self, name: str) -> CaptureResult:
         """End a job and return its result when it has ended; harmless on an ended one.
@@ -240,7 +256,7 @@ class Runner:
     def _use(
         self,
         job: Job,
-        request: CaptureRequest | CalibrateRequest,
+        request: CaptureRequest | CalibrateRequest | LiveParams,
         loop: asyncio.AbstractEventLoop,
     ) -> tuple[CaptureResult, JobAnswer | None]:
         """In the worker's thread: the engine call, with events thinned and sent to the loop."""
@@ -263,6 +279,9 @@ class Runner:
             while not job.proceed_flag.wait(_PROCEED_LOOK_S) and not cancelled():
                 pass
 
+        def see(frame: LiveFrame) -> None:
+            loop.call_soon_threadsafe(job.see, frame)
+
         engine, owner = self._engine, job.owner.view()
         answer: PlanSummary | PreviewView | None = None
         result = CaptureResult(job=job.name, state="done")
@@ -270,6 +289,15 @@ class Runner:
             if isinstance(request, CalibrateRequest):
                 result = engine.calibrate(
                     request, job=job.name, emit=emit, cancelled=cancelled, proceed=proceed
+                )
+            elif isinstance(request, LiveParams):
+                result = engine.live(
+                    request.pattern,
+                    request.index,
+                    job=job.name,
+                    tell=see,
+                    cancelled=cancelled,
+                    ended=lambda: job.given_up,
                 )
             elif job.kind == "plan":
                 answer = engine.plan(request, job.given, emit=emit, cancelled=cancelled)
@@ -312,7 +340,7 @@ class Runner:
         if result is None:
             result = make_failed_result(job, PdcdError("the job ended without a result"))
         result = self.table.end(job, result)
-        for mark in (job.answered, job.ended, job.let_go):
+        for mark in (job.answered, job.ended, job.let_go, job.news):
             mark.set()
         while job.untold:
             job.untold -= 1

@@ -5,26 +5,27 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 from aiohttp import web
 
 from pdcd.api.rows import plan_rows
 from pdcd.client import INTAKE_TIMEOUT_S
-from pdcd.errors import PdcdError, RequestError
+from pdcd.errors import PdcdError, RequestError, to_error_fields
 from pdcd.files.text import encode_json
 from pdcd.protocol.fields import FieldError, decode_struct
-from pdcd.protocol.messages import MAX_LINE, JobParams, NoParams
+from pdcd.protocol.messages import MAX_LINE, JobParams, LiveParams, NoParams
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.web.asks import ENGINE_S, WAIT_S, DaemonQueries, Turns
 from pdcd.web.door import REQUEST_S, BrowserAuth, Refusal, VisitorPlaces
-from pdcd.web.news import News, TooManyPagesError
+from pdcd.web.news import News, TooManyPagesError, make_message
 from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, list_form_groups, read_page_files
 from pdcd.web.shelf import RunShelf
+from pdcd.words import PatternName
 
 logger = logging.getLogger(__name__)
 
@@ -106,6 +107,7 @@ class Site:
             app.router.add_get(path, handler, allow_head=False)
         for name in WANTS:
             app.router.add_post(f"/{name}", self._post)
+        app.router.add_post("/live", self._live)
         return app
 
     @web.middleware
@@ -159,8 +161,20 @@ class Site:
         return web.Response(body=data, content_type=kind, charset="utf-8")
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
-        async with contextlib.aclosing(self._news.page()) as page:
-            first = await anext(page)
+        return await self._streamed(request, self._news.page())
+
+    async def _live(self, request: web.Request) -> web.StreamResponse:
+        """Pictures of a live view, for as long as the page reads them: then it ends."""
+        asked = await _read_body(request, LiveParams, SMALL_BYTES)
+        return await self._streamed(request, _tell_frames(self._asks.follow(_plain(asked))))
+
+    async def _streamed(
+        self, request: web.Request, messages: AsyncGenerator[bytes, None]
+    ) -> web.StreamResponse:
+        """Server-sent events, until there are no more, or the page has gone."""
+        async with contextlib.aclosing(messages):
+            self._places.admit(request.transport, LONG_S)
+            first = await anext(messages)
             response = web.StreamResponse(headers={**ALWAYS, "Content-Security-Policy": OURS})
             response.content_type = "text/event-stream"
             response.force_close()
@@ -168,7 +182,7 @@ class Site:
             try:
                 await response.prepare(request)
                 await _written(response, first)
-                async for data in page:
+                async for data in messages:
                     await _written(response, data)
             except (ConnectionError, TimeoutError):
                 pass  # the page has gone, or does not read: it asks anew
@@ -177,7 +191,14 @@ class Site:
     async def _describe(self, request: web.Request) -> web.StreamResponse:
         """The rig, the goals, and the fields of what can be asked for."""
         told = await self._asks.ask("rig.describe", answer_s=ENGINE_S)
-        return _json({"rig": told["rig"], "goals": told["goals"], "groups": list_form_groups()})
+        return _json(
+            {
+                "rig": told["rig"],
+                "goals": told["goals"],
+                "groups": list_form_groups(),
+                "patterns": get_args(PatternName),
+            }
+        )
 
     async def _runs(self, request: web.Request) -> web.StreamResponse:
         return _json({"runs": await self._disk.do(self._shelf.runs)})
@@ -213,27 +234,54 @@ class Site:
         """Pass a wish on, once it is what it should be."""
         name = request.path.rpartition("/")[2]
         wants = WANTS[name]
-        if request.content_length is None:
-            raise Refusal(411, "the body comes with its length")
-        if request.content_length > wants.most_bytes:
-            raise Refusal(413, "the body is too long")
-        body = await request.read()
-        try:
-            asked = decode_struct(body, wants.params)
-        except FieldError as err:
-            raise RequestError(str(err)) from err
-        except (ValueError, OverflowError, RecursionError) as err:
-            raise Refusal(400, f"the body is not what it should be: {err}") from err
+        asked = await _read_body(request, wants.params, wants.most_bytes)
         self._places.admit(request.transport, LONG_S)
         if isinstance(asked, JobParams) and name == "cancel":
             return _json(await self._asks.cancel(asked.job))
-        params = msgspec.to_builtins(asked)
+        params = _plain(asked)
         if name in _DETACHED:
             params["detach"] = True
         told = await self._asks.ask(wants.method, params, answer_s=wants.answer_s)
         if name == "plan":
             told = {**told, "rows": plan_rows(msgspec.convert(told, PlanSummary))}
         return _json(told)
+
+
+async def _read_body(
+    request: web.Request, params: type[msgspec.Struct], most_bytes: int
+) -> msgspec.Struct:
+    """What a body asks for, once it is what it should be. Raises Refusal, RequestError."""
+    if request.content_length is None:
+        raise Refusal(411, "the body comes with its length")
+    if request.content_length > most_bytes:
+        raise Refusal(413, "the body is too long")
+    body = await request.read()
+    try:
+        return decode_struct(body, params)
+    except FieldError as err:
+        raise RequestError(str(err)) from err
+    except (ValueError, OverflowError, RecursionError) as err:
+        raise Refusal(400, f"the body is not what it should be: {err}") from err
+
+
+def _plain(asked: msgspec.Struct) -> dict[str, Any]:
+    plain: dict[str, Any] = msgspec.to_builtins(asked)
+    return plain
+
+
+async def _tell_frames(frames: AsyncGenerator[Any, None]) -> AsyncGenerator[bytes, None]:
+    """Messages of the pictures, and the last one of what the live view ended by."""
+    begun = False
+    async with contextlib.aclosing(frames):
+        try:
+            async for frame in frames:
+                begun = True
+                yield make_message(frame)
+        except (PdcdError, ConnectionError) as err:
+            if not begun:  # it is told by the status of the answer
+                raise
+            told = to_error_fields(err) if isinstance(err, PdcdError) else {"message": str(err)}
+            yield make_message({"error": told})
 
 
 async def _written(response: web.StreamResponse, data: bytes) -> None:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import AsyncGenerator, Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,6 +17,8 @@ from pdcd.client import Client
 from pdcd.errors import BusyError
 from pdcd.server.aside import call_in_thread
 
+LIVE_VIEWS = 2
+"""Live views at a time: the one that is seen, and the next, to which it gives way."""
 AT_A_TIME = 3
 """Questions at a time: the daemon has few places for the connections of one user."""
 ANSWER_S = 10.0
@@ -69,6 +72,7 @@ class DaemonQueries:
         self._socket = socket
         self._turns = Turns(AT_A_TIME, "the daemon")
         self._kept = Turns(1, "the daemon")
+        self._following = 0
 
     async def ask(
         self, method: str, params: _Params | None = None, *, answer_s: float = ANSWER_S
@@ -80,6 +84,28 @@ class DaemonQueries:
     async def cancel(self, job: str) -> Any:
         """End a job; has a place kept for it, so that it need not wait for a plan."""
         return await self._kept.do(self._call, "capture.cancel", {"job": job}, ENGINE_S)
+
+    async def follow(self, params: _Params) -> AsyncGenerator[Any, None]:
+        """The pictures of a live view, the newest each time, which ends when nobody asks for more:
+        its connection is its own. Raises as `ask`, and the error that it ended by."""
+        if self._following >= LIVE_VIEWS:
+            raise BusyError("too many pages ask for a live view", hint="close some of them")
+        self._following += 1
+        client: Client | None = None
+        try:
+            client = await call_in_thread(Client, self._socket, CONNECT_S)
+            started = await call_in_thread(client.call, "preview.live", params)
+            frame: dict[str, Any] = {"number": 0}
+            while True:
+                asked = {"job": started["job"], "after": frame["number"]}
+                frame = await call_in_thread(
+                    partial(client.call, "preview.frame", asked, timeout_s=ENGINE_S)
+                )
+                yield frame
+        finally:
+            self._following -= 1
+            if client is not None:
+                client.close()
 
     def _call(self, method: str, params: _Params | None, answer_s: float) -> Any:
         with Client(self._socket, CONNECT_S) as client:

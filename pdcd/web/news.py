@@ -86,7 +86,7 @@ class News:
             raise TooManyPagesError
         queue: asyncio.Queue[bytes | None] = asyncio.Queue()
         for message in (self._state(), *(event for _, event in self._events)):
-            queue.put_nowait(_message(message))
+            queue.put_nowait(make_message(message))
         self._pages.add(queue)
         try:
             while True:
@@ -111,7 +111,7 @@ class News:
         }
 
     def _tell(self, message: dict[str, Any], *, thinned: bool = False) -> None:
-        data = _message(message)
+        data = make_message(message)
         for page in self._pages:
             if page.qsize() >= UNREAD:
                 _end(page)
@@ -211,7 +211,8 @@ class News:
             self._loop.call_soon_threadsafe(function, *args)
 
 
-def _message(message: dict[str, Any]) -> bytes:
+def make_message(message: Any) -> bytes:
+    """One server-sent event, in JSON."""
     return b"data: " + encode_json(message) + b"\n\n"
 
 

@@ -29,6 +29,7 @@ export class JobCard {
     by("cancel").disabled = running === null;
     if (running) {
       if (this.#job !== running.job) this.#begin(running.job);
+      if (by("job-stage").textContent === "queued") by("job-stage").textContent = "running";
       this.#name();
     } else {
       this.#ask(null);

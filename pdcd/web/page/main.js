@@ -4,7 +4,8 @@ import { by, el, say } from "./dom.js";
 import { FocusCard } from "./focus.js";
 import { RequestForm } from "./form.js";
 import { JobCard } from "./jobs.js";
-import { get, news, post } from "./server.js";
+import { LiveCard } from "./live.js";
+import { begin, get, news, post } from "./server.js";
 import { PictureCard, listRuns } from "./shelf.js";
 
 const AGAIN_MS = 2000;
@@ -13,7 +14,9 @@ const form = new RequestForm(by("fields"));
 const jobs = new JobCard();
 const pictures = new PictureCard();
 const focus = new FocusCard();
+const live = new LiveCard();
 let state = { here: false, visit: 0, status: null };
+let begun = false; // with what the address asked for
 let described = 0; // the visit of the daemon that the form was made from
 
 /** Do something that may go wrong, and say what did. */
@@ -29,7 +32,14 @@ async function trying(action, where = by("failure")) {
 
 function buttons() {
   const ready = state.here && described === state.visit;
-  for (const id of ["start", "plan", "look", "focus"]) by(id).disabled = !ready || state.status?.state !== "idle";
+  // A live view gives way to whatever else its owner asks for.
+  const free = state.status?.state === "idle" || state.status?.running?.kind === "live";
+  for (const id of ["start", "plan", "look", "focus"]) by(id).disabled = !ready || !free;
+  by("live").disabled = !live.on && (!ready || !free);
+  if (begin === "live" && !begun && !by("live").disabled) {
+    begun = true;
+    live.toggle();
+  }
 }
 
 function showState() {
@@ -49,6 +59,7 @@ async function describe() {
   const { rig } = told;
   by("rig").textContent = `${rig.name}${rig.mock ? " (virtual scene)" : ""}, ${rig.grid[0]} x ${rig.grid[1]} cells${rig.camera ? `, ${rig.camera.model}` : ""}`;
   form.describe(told);
+  by("live-pattern").replaceChildren(...told.patterns.map((name) => el("option", { value: name, selected: name === "white" }, name)));
   described = visit;
   buttons();
 }
@@ -126,6 +137,7 @@ async function look() {
 function showPlan({ rows }) {
   by("plan-answer").replaceChildren(...rows.flatMap(([name, text]) => [el("dt", {}, name), el("dd", {}, text)]));
   by("plan-answer").hidden = false;
+  by("plan-answer").scrollIntoView({ block: "nearest" });
 }
 
 /** Ask for what the form says; its faults stand beside it. */
@@ -152,6 +164,7 @@ by("cancel").addEventListener("click", () => {
 });
 by("focus").addEventListener("click", () => trying(() => post("calibrate", { steps: ["focus"], attended: true })));
 by("proceed").addEventListener("click", proceed);
+by("live").addEventListener("click", () => live.toggle());
 
 runs();
 listen();

@@ -10,11 +10,15 @@ export class Trouble extends Error {
 }
 
 // What lets this page in comes behind the # of its address, which no server is sent, and is kept
-// for this tab where no page of another address can read it.
-if (location.hash.length > 1) {
-  sessionStorage.setItem("token", location.hash.slice(1));
+// for this tab where no page of another address can read it; perhaps with what to begin with.
+const [token, first = ""] = location.hash.slice(1).split(".");
+if (token) {
+  sessionStorage.setItem("token", token);
   history.replaceState(null, "", location.pathname);
 }
+
+/** What the page is to begin with, once. */
+export const begin = first;
 
 async function answer(address, options = {}) {
   const headers = { Authorization: `Bearer ${sessionStorage.getItem("token") ?? ""}` };
@@ -43,8 +47,8 @@ export const post = async (address, body = {}) =>
 export const picture = async (address) => URL.createObjectURL(await (await answer(address)).blob());
 
 /** Each message that the server tells, until it tells no more. */
-export async function* news(address) {
-  const { body } = await answer(address);
+export async function* news(address, options) {
+  const { body } = await answer(address, options);
   const reader = body.pipeThrough(new TextDecoderStream()).getReader();
   let text = "";
   for (;;) {

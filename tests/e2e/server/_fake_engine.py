@@ -25,7 +25,7 @@ from pdcd.protocol.events import Emit, Progress, ShotArmed, ShutterClosed, Shutt
 from pdcd.protocol.plan_summary import PlanSummary, ShotSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.views import OwnerView, PreviewView, RigView
+from pdcd.protocol.views import LiveFrame, OwnerView, PreviewView, RigView
 from pdcd.recipes.arrays import Given
 from pdcd.runs.place import HeldFolder
 from pdcd.server.daemon import run_daemon
@@ -195,6 +195,30 @@ class FakeEngine:
         if pattern == "code" and index > 99:
             raise RequestError(f"code {index} does not exist", hint="0 to 99")
         self.lit = None if pattern == "black" else pattern
+
+    def live(
+        self,
+        pattern: str,
+        index: int,
+        *,
+        job: str,
+        tell: Callable[[LiveFrame], object],
+        cancelled: Callable[[], bool],
+        ended: Callable[[], bool],
+    ) -> CaptureResult:
+        self._note(f"live {pattern} {index}")
+        self.lit, number = pattern, 0
+        while not (over := ended()) and not cancelled():
+            number += 1
+            tell(
+                LiveFrame(
+                    number=number, t_mono_ns=time.monotonic_ns(), rate_hz=1.0, focus=0.5, best=0.5,
+                    mean=0.25, saturated=0.0, size_px=(1, 1), jpeg=b"picture",
+                )
+            )  # fmt: skip
+            time.sleep(0.002)
+        self.lit = None
+        return CaptureResult(job=job, state="done" if over else "cancelled")
 
     def preview(
         self, *, job: str, owner: OwnerView, emit: Emit, cancelled: Callable[[], bool]

@@ -1,0 +1,208 @@
+"""A live view: a pattern on the panels, and the camera's finder, until somebody ends it.
+
+The finder has a thread of its own. A camera that hangs holds the finder's thread, which is left
+behind, and not the rig's: panels go black, the job ends, and who wants the camera next is told.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.devices import Preview
+from pdcd.bench.registry import list_known_drivers, load_driver
+from pdcd.capture.job import make_failure, mark_unsafe
+from pdcd.capture.live_frame import LiveFrames
+from pdcd.capture.raw_finder import RawFinder
+from pdcd.capture.rig import Rig
+from pdcd.errors import Cancelled, DeviceLost, PdcdError, to_typed_error
+from pdcd.panels.frames import Frames
+from pdcd.protocol.result import CaptureResult
+from pdcd.protocol.views import LiveFrame
+
+logger = logging.getLogger(__name__)
+
+_LOOK_S = 0.05
+"""Time between two looks for a cancel."""
+_MOST_HZ = 30.0
+"""Pictures a second at most: nobody sees more, and they are worked for."""
+_SILENT_S, _FIRST_S = 5.0, 60.0
+"""How long a finder may take over a picture, and until its first: some work it out. Of photos, how
+long one may take is said by `camera.fetch_timeout_s`."""
+_OVER_S = 2.0
+"""What a call gets beyond its time, before it is taken for one that hangs."""
+_GRACE_S = 2.0
+"""How long a finder may take to end, with the panels black already."""
+
+_Asked = Callable[[], bool]
+_Came = tuple[int, NDArray[np.uint8]]
+"""When a picture came, in ns of the monotonic clock, and the picture."""
+
+
+class FinderThread:
+    """Asks a finder for one picture after the other in a thread of its own. The newest counts."""
+
+    def __init__(self, finder: Preview, longest_s: float) -> None:
+        self._finder, self._longest_s = finder, longest_s
+        self._ends = threading.Event()
+        self._changed = threading.Condition()
+        self._newest: _Came | None = None
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="pdcd-finder", daemon=True)
+
+    def start(self) -> None:
+        """Begin to ask."""
+        self._thread.start()
+
+    def is_alive(self) -> bool:
+        """Whether it is still in a call of the finder, or between two."""
+        return self._thread.is_alive()
+
+    def take(self, within_s: float) -> _Came | None:
+        """The newest picture that was not taken yet, None where none comes within that time. Raises
+        what the finder raised."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest or self._error, within_s)
+            if self._newest is None and self._error is not None:
+                raise self._error
+            came, self._newest = self._newest, None
+        return came
+
+    def end(self, within_s: float) -> bool:
+        """Ask no more; whether the finder was left in order within that time."""
+        self._ends.set()
+        self._thread.join(within_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        try:
+            self._finder.connect()
+            try:
+                self._ask()
+            finally:
+                self._finder.disconnect()
+        except Exception as err:
+            if self._ends.is_set():
+                logger.info("finder ended error=%s", err)
+            with self._changed:
+                self._error = err
+                self._changed.notify_all()
+
+    def _ask(self) -> None:
+        due_s = 0.0
+        while not self._ends.wait(max(0.0, due_s - time.monotonic())):
+            due_s = time.monotonic() + 1.0 / _MOST_HZ
+            picture = self._finder.grab(self._longest_s)
+            with self._changed:
+                self._newest = time.monotonic_ns(), picture
+                self._changed.notify_all()
+
+
+def run_live_view(
+    rig: Rig,
+    draw: Callable[[], Frames | None],
+    *,
+    job: str,
+    tell: Callable[[LiveFrame], object],
+    cancelled: _Asked,
+    ended: _Asked,
+) -> CaptureResult:
+    """Hold the first of the frames that `draw` makes (None: black) and tell of each picture until
+    the end; never raises for what goes wrong. On return panels are black and the shutter is closed,
+    or its last warning says that they may not be.
+
+    `cancelled()` ends it as a job that was cancelled, `ended()` as one that is done; both are asked
+    at least ten times a second. Called by `Engine.live` in the rig's thread.
+    """
+    thread: FinderThread | None = None
+    made: LiveFrames | None = None
+    failure: PdcdError | None = None
+    with rig.pulse.of_job(lambda: cancelled() or ended()):
+        try:
+            if rig.hangs():
+                raise _make_lost()
+            frames = rig.context.shared.held = draw()
+            if frames is not None:
+                rig.display.show(frames)
+            finder, longest_s = _make_finder(rig)
+            camera = rig.camera_info
+            made = LiveFrames(rig.config, None if camera is None else camera.frame_quads)
+            thread = FinderThread(finder, longest_s)
+            thread.start()
+            _pass_on(thread, longest_s + _OVER_S, made, tell, cancelled, ended)
+        except Exception as err:
+            failure = to_typed_error(err)
+            if failure is not err:
+                logger.error("live view failed job=%s", job, exc_info=err)
+        finally:
+            safe = _make_dark(rig, thread)
+    if isinstance(failure, Cancelled):  # wherever it was heard
+        failure = None if ended() and not cancelled() else _make_end()
+    if failure is None:
+        result = CaptureResult(
+            job=job, state="done", summary={"pictures": made.count if made else 0}
+        )
+    else:
+        result = make_failure(job, None, rig.clock.now_ns(), failure, safe=safe)
+    return result if safe else mark_unsafe(result)
+
+
+def _make_finder(rig: Rig) -> tuple[Preview, float]:
+    """The finder of the camera, by the driver that reads it out, else one that takes photos; and
+    how long a picture of it may take. Raises DriverUnavailable, ConfigError."""
+    name = rig.config.camera.driver
+    if ("preview", name) not in list_known_drivers():
+        return RawFinder(rig), max(_SILENT_S, rig.config.camera.fetch_timeout_s)
+    finder: Preview = load_driver("preview", name).create(rig.context)
+    return finder, _SILENT_S
+
+
+def _pass_on(
+    thread: FinderThread,
+    silent_s: float,
+    made: LiveFrames,
+    tell: Callable[[LiveFrame], object],
+    cancelled: _Asked,
+    ended: _Asked,
+) -> None:
+    """Tell of each picture until the end. Raises what ends it otherwise."""
+    heard_s = time.monotonic() + _FIRST_S
+    while not ended():
+        if cancelled():
+            raise _make_end()
+        came = thread.take(_LOOK_S)
+        if came is not None:
+            heard_s = time.monotonic()
+            tell(made.make(came[1], came[0]))
+        elif time.monotonic() - heard_s > silent_s:
+            raise _make_lost()
+
+
+def _make_dark(rig: Rig, thread: FinderThread | None) -> bool:
+    """Panels black first, then the finder ended, then all made safe; whether it is."""
+    rig.context.shared.held = None
+    try:
+        with rig.context.patience.deaf():
+            rig.display.black()
+    except Exception as err:  # it is asked again below
+        logger.warning("panels not black error=%s", err)
+    if thread is None or thread.end(_GRACE_S):
+        return rig.make_safe()
+    rig.hangs = thread.is_alive
+    logger.error("the camera hangs in its finder, which is left behind")
+    return rig.make_safe_beside(_GRACE_S)
+
+
+def _make_end() -> Cancelled:
+    return Cancelled("the live view was ended", hint="both panels are black")
+
+
+def _make_lost() -> DeviceLost:
+    return DeviceLost(
+        "the camera hangs in its finder", device="camera", hint="switch it off and on"
+    )

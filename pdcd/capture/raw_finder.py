@@ -1,0 +1,103 @@
+"""A finder for cameras that have none: short photos, one after the other, as fast as they come."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.arrays import Floats
+from pdcd.bench.devices import CameraSettings, PhotoFrame, RawFile
+from pdcd.bench.exposure_time import tell_exposure_time
+from pdcd.capture.rig import Rig
+from pdcd.errors import ExposureError
+from pdcd.sensor.finder_picture import choose_finder_gain, draw_finder_picture
+from pdcd.sensor.profile import load_profile
+from pdcd.sensor.raw import read_raw, to_rgb
+
+_FIRST_S, _SHORTEST_S, _LONGEST_S = 0.05, 0.002, 0.5
+"""Exposures: the first one, and those that it may come to."""
+_MOST_STEP = 8.0
+"""By how much an exposure may differ from the one before it."""
+_MOST_QUADS = 640
+"""Quads along the longer side that are looked at; of more every n-th is taken."""
+
+
+class RawFinder:
+    """Shutter and readout of a rig as `Preview`: exposes by itself. The panels are lit meanwhile,
+    so that such photos are looked at and never measured."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._exposure_s = _FIRST_S
+
+    def connect(self) -> dict[str, str]:
+        """The rig has opened its devices already."""
+        return {}
+
+    def grab(self, timeout_s: float) -> NDArray[np.uint8]:
+        """Take one photo. Raises what shutter and readout raise."""
+        with tempfile.TemporaryDirectory(prefix="pdcd-live-") as folder:
+            light = self._expose(Path(folder), timeout_s)
+        step = choose_finder_gain(light)
+        wanted_s = self._exposure_s * min(max(step, 1.0 / _MOST_STEP), _MOST_STEP)
+        self._exposure_s = min(max(wanted_s, _SHORTEST_S), _LONGEST_S)
+        # What the next exposure does not make up for.
+        gain = 1.0 if step <= 1.0 else min(step, _MOST_STEP)
+        return draw_finder_picture(light * gain)
+
+    def disconnect(self) -> None:
+        """Close the shutter; the rig keeps its devices."""
+        with self._rig.context.patience.deaf():
+            self._rig.shutter.close()
+
+    def _expose(self, folder: Path, timeout_s: float) -> Floats:
+        """The light of one photo at some of its quads, 1 being white, (h, w, 3)."""
+        rig, config = self._rig, self._rig.config
+        info = rig.camera_info
+        fixed = config.camera.f_number
+        f_numbers = () if info is None else info.f_numbers
+        f_number = float(fixed) if fixed != "auto" else min(f_numbers, default=None)
+        settings = CameraSettings(
+            iso=config.camera.iso or load_profile(config.camera.profile).isos[0],
+            f_number=f_number if f_numbers else None,
+            exposure_s=self._exposure_s,
+            longest_s=self._exposure_s + 1.0,
+        )
+        rig.readout.arm(settings)
+        tell_exposure_time(rig.shutter, settings)
+        rig.context.shared.exposed_ns = rig.context.shared.played = None
+        open_ns = rig.shutter.open()
+        try:
+            rig.context.patience.sleep(self._exposure_s)
+        finally:
+            with rig.context.patience.deaf():
+                close_ns = rig.shutter.close()
+        rig.context.shared.exposed_ns = open_ns, close_ns
+        photo = rig.readout.fetch(folder, "live", timeout_s)
+        return _read_frame(photo) if isinstance(photo, PhotoFrame) else _read_file(photo)
+
+
+def _read_file(photo: RawFile) -> Floats:
+    frame = read_raw(photo.path, sha256=photo.sha256, size_bytes=photo.size_bytes)
+    some = slice(None, None, max(1, -(-max(frame.frame) // _MOST_QUADS)))
+    light = to_rgb(frame.planes[:, some, some])
+    return light / float(frame.white - frame.black.mean())
+
+
+def _read_frame(photo: PhotoFrame) -> Floats:
+    """The same of samples in memory. Raises ExposureError for a mosaic that is not known."""
+    step = max(1, -(-max(photo.samples.shape) // (2 * _MOST_QUADS)))
+    black = np.broadcast_to(np.asarray(photo.black, np.float64).ravel(), 4)
+    span = photo.white - float(black.mean())
+    colours = photo.cfa or ""
+    if sorted(colours) != sorted("RGGB"):
+        raise ExposureError("the camera has no Bayer mosaic", device="camera", hint="use another")
+    planes: dict[str, list[Floats]] = {}
+    for place, colour in enumerate(colours):
+        row, column = divmod(place, 2)
+        samples = photo.samples[row :: 2 * step, column :: 2 * step].astype(np.float64)
+        planes.setdefault(colour, []).append((samples - black[place]) / span)
+    return np.stack([np.mean(planes[colour], axis=0) for colour in "RGB"], axis=-1)

@@ -1,0 +1,44 @@
+"""Pictures of a finder: linear light as the 8 bits that a screen shows, and back."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.arrays import Floats
+
+_STEPS = 4095
+"""Steps of light that are told apart: finer than 8 bits need them, but for the darkest."""
+_USUAL, _BRIGHT = 0.6, 0.98
+"""Light that a finder gives to its brighter parts, and the share of pixels that are darker."""
+
+
+def _make_tables() -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Levels by steps of light, and light by levels: the curve of IEC 61966-2-1."""
+    light = np.arange(_STEPS + 1) / _STEPS
+    curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    level = np.arange(256) / 255.0
+    back = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
+    return np.rint(255.0 * curve).astype(np.uint8), back.astype(np.float32)
+
+
+_LEVELS, _LIGHT = _make_tables()
+
+
+def draw_finder_picture(light: Floats) -> NDArray[np.uint8]:
+    """Linear light, 1 being white, as sRGB of 8 bits. For finders that have samples."""
+    steps = np.clip(np.nan_to_num(light) * _STEPS + 0.5, 0.0, _STEPS)
+    return np.asarray(_LEVELS[steps.astype(np.uint16)])
+
+
+def read_finder_light(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """The light of a picture, 0..1, of the same shape; of colours their mean."""
+    light = np.asarray(_LIGHT[picture])
+    return light if light.ndim == 2 else np.asarray(light.mean(axis=2))
+
+
+def choose_finder_gain(light: Floats) -> float:
+    """By what light is to be multiplied so that its brighter parts are well seen, as a finder
+    exposes by itself; `inf` where there is none."""
+    bright = float(np.quantile(light, _BRIGHT))
+    return _USUAL / bright if bright > 0.0 else float("inf")
