@@ -37,6 +37,7 @@ class PtpPreview:
 
     def __init__(self, camera: EosCamera) -> None:
         self._camera = camera
+        self._session = 0
         weakref.finalize(self, camera.let_go, _USER)
 
     @classmethod
@@ -46,14 +47,18 @@ class PtpPreview:
 
     def connect(self) -> dict[str, str]:
         """Switch live view on. Raises ExposureError for a body that does not go along with it."""
+        identity = self._camera.open(_USER)
+        self._switch_on()
+        return identity
+
+    def _switch_on(self) -> None:
         camera = self._camera
-        identity = camera.open(_USER)
         with camera.in_time():
             camera.poll()
             if camera.values.get(Property.FINDER_MODE) == 0:
                 camera.set_value(Property.FINDER_MODE, 1, "live view: allow it in its menu")
             camera.set_value(Property.FINDER_OUTPUT, FINDER_PC, "live view")
-        return identity
+            self._session = camera.session.renewed
 
     def grab(self, timeout_s: float) -> NDArray[np.uint8]:
         """The next picture. Raises ExposureError where none comes, or the camera has no live
@@ -70,6 +75,9 @@ class PtpPreview:
         with camera.patience.within(timeout_s, over):
             while True:
                 reply = camera.session.call(Operation.EOS_GET_VIEW_FINDER_DATA, FINDER_WHOLE)
+                if camera.session.renewed != self._session:  # a new one begins with it off
+                    self._switch_on()
+                    continue
                 picture = decode_jpeg(find_finder_jpeg(bytes(reply.data)))
                 if reply.code == ResponseCode.OK and picture is not None:
                     return picture

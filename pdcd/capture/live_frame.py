@@ -37,7 +37,7 @@ class LiveFrames:
     def __init__(self, config: Config, frame_quads: tuple[int, int] | None) -> None:
         """frame_quads : width and height of the camera's photos, where they are known."""
         self._outline = find_field_outline(config, frame_quads)
-        self._masks: dict[tuple[int, ...], NDArray[np.bool_]] = {}
+        self._masks: dict[tuple[int, ...], NDArray[np.uint8]] = {}
         self._came: deque[float] = deque()
         self.count = 0
         self._best = 0.0
@@ -53,7 +53,8 @@ class LiveFrames:
         self.count += 1
         inside = self._inside(picture.shape[:2])
         light = read_finder_light(picture)
-        white = np.atleast_3d(picture >= _WHITE).any(axis=2)
+        most = (_WHITE - 1.0,) * (picture.shape[2] if picture.ndim == 3 else 1)
+        below = cv2.inRange(picture, (0.0,) * len(most), most)
         focus = measure_detail(light, inside)
         self._best = max(self._best, focus)
         small = _shrink(picture)
@@ -63,22 +64,21 @@ class LiveFrames:
             rate_hz=self._count_rate(came_ns * 1e-9),
             focus=focus,
             best=self._best,
-            mean=float(light[inside].mean()),
-            saturated=float(white[inside].mean()),
+            mean=cv2.mean(light, inside)[0],
+            saturated=1.0 - cv2.mean(below, inside)[0] / 255.0,
             outline=self._outline,
             size_px=(small.shape[1], small.shape[0]),
             jpeg=encode_jpeg(small),
         )
 
-    def _inside(self, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-        """The pixels of the field; all, where nothing of it is seen."""
+    def _inside(self, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+        """1 for the pixels of the field; for all, where nothing of it is seen."""
         if shape not in self._masks:
             drawn = np.zeros(shape, np.uint8)
             if self._outline:
                 corners = np.array(self._outline) * shape[::-1] - 0.5
                 cv2.fillPoly(drawn, [np.rint(corners).astype(np.int32)], (1,))
-            found = drawn > 0
-            self._masks = {shape: found if found.any() else np.ones(shape, np.bool_)}
+            self._masks = {shape: drawn if drawn.any() else np.ones(shape, np.uint8)}
         return self._masks[shape]
 
     def _count_rate(self, came_s: float) -> float:
@@ -113,17 +113,17 @@ def find_field_outline(config: Config, frame_quads: tuple[int, int] | None) -> _
     return tuple((float(x), float(y)) for x, y in np.clip(points, -1.0, 2.0))
 
 
-def measure_detail(light: NDArray[np.float32], inside: NDArray[np.bool_]) -> float:
+def measure_detail(light: NDArray[np.float32], inside: NDArray[np.uint8]) -> float:
     """How deep the finest detail is: amplitude over mean light, as the focus of a calibration has
     it of its stripes; here of whatever is seen, so that it compares with itself alone.
 
-    light : (h, w), linear. inside : (h, w), where it counts.
+    light : (h, w), linear. inside : (h, w), 1 where it counts.
     """
-    mean = float(light[inside].mean())
+    mean = cv2.mean(light, inside)[0]
     if mean <= 0.0:
         return 0.0
     fine = light - cv2.GaussianBlur(light, (0, 0), _FINE_PX, borderType=cv2.BORDER_REPLICATE)
-    return math.sqrt(2.0) * float(np.sqrt(np.mean(np.square(fine[inside])))) / mean
+    return math.sqrt(2.0 * cv2.mean(np.square(fine), inside)[0]) / mean
 
 
 def _shrink(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -21,6 +21,10 @@ _FIRST_S, _SHORTEST_S, _LONGEST_S = 0.05, 0.002, 0.5
 """Exposures: the first one, and those that it may come to."""
 _MOST_STEP = 8.0
 """By how much an exposure may differ from the one before it."""
+_SATURATED, _MOST_SATURATED = 0.98, 0.05
+"""Light from which a quad is saturated, and the share that may be."""
+_STOP = 5.6
+"""Stop that a lens is set to, or near it, where the configuration has none."""
 _MOST_QUADS = 640
 """Quads along the longer side that are looked at; of more every n-th is taken."""
 
@@ -42,6 +46,8 @@ class RawFinder:
         with tempfile.TemporaryDirectory(prefix="pdcd-live-") as folder:
             light = self._expose(Path(folder), timeout_s)
         step = choose_finder_gain(light)
+        if float(np.mean(light >= _SATURATED)) > _MOST_SATURATED:  # nobody knows by how much
+            step = 1.0 / _MOST_STEP
         wanted_s = self._exposure_s * min(max(step, 1.0 / _MOST_STEP), _MOST_STEP)
         self._exposure_s = min(max(wanted_s, _SHORTEST_S), _LONGEST_S)
         # What the next exposure does not make up for.
@@ -59,7 +65,8 @@ class RawFinder:
         info = rig.camera_info
         fixed = config.camera.f_number
         f_numbers = () if info is None else info.f_numbers
-        f_number = float(fixed) if fixed != "auto" else min(f_numbers, default=None)
+        nearest = min(f_numbers, key=lambda each: abs(each / _STOP - 1.0), default=None)
+        f_number = nearest if fixed == "auto" else float(fixed)
         settings = CameraSettings(
             iso=config.camera.iso or load_profile(config.camera.profile).isos[0],
             f_number=f_number if f_numbers else None,

@@ -69,7 +69,10 @@ def print_runs(args: argparse.Namespace) -> int:
             say_json(run)
         return DONE
     _say_runs(found)
-    tell_user(f"{len(found)} runs in {page.state_folder}")
+    tell_user(
+        f"{len(found)} runs in {page.state_folder}; of a folder that --out named elsewhere: "
+        "pdcd runs --state-dir DIR"
+    )
     tell_user(
         "error: against the known truth, or +- what the photo itself expects, as a share of RMS"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,8 +34,10 @@ def draw_finder_picture(light: Floats) -> NDArray[np.uint8]:
 
 def read_finder_light(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
     """The light of a picture, 0..1, of the same shape; of colours their mean."""
-    light = np.asarray(_LIGHT[picture])
-    return light if light.ndim == 2 else np.asarray(light.mean(axis=2))
+    light = cv2.LUT(np.ascontiguousarray(picture), _LIGHT)
+    if picture.ndim == 3:
+        light = cv2.transform(light, np.full((1, 3), 1.0 / 3.0))
+    return np.asarray(light, np.float32)
 
 
 def choose_finder_gain(light: Floats) -> float:

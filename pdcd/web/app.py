@@ -16,6 +16,7 @@ from pdcd.api.rows import plan_rows
 from pdcd.client import INTAKE_TIMEOUT_S
 from pdcd.errors import PdcdError, RequestError, to_error_fields
 from pdcd.files.text import encode_json
+from pdcd.printable import to_html
 from pdcd.protocol.fields import FieldError, decode_struct
 from pdcd.protocol.messages import MAX_LINE, JobParams, LiveParams, NoParams
 from pdcd.protocol.plan_summary import PlanSummary
@@ -23,7 +24,15 @@ from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.web.asks import ENGINE_S, WAIT_S, DaemonQueries, Turns
 from pdcd.web.door import REQUEST_S, BrowserAuth, Refusal, VisitorPlaces
 from pdcd.web.news import News, TooManyPagesError, make_message
-from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, list_form_groups, read_page_files
+from pdcd.web.pages import (
+    ALWAYS,
+    INDEX,
+    OURS,
+    REPORTS,
+    list_form_groups,
+    name_fields,
+    read_page_files,
+)
 from pdcd.web.shelf import RunShelf
 from pdcd.words import PatternName
 
@@ -42,6 +51,15 @@ _DISK_AT_A_TIME = 4
 
 _STATUS: Mapping[str, int] = {"request": 400, "config": 400, "denied": 403, "busy": 409}
 """Status of HTTP by kind of error; 500 for all others."""
+
+_ERROR_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>pdcd</title>
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="stylesheet" href="/style.css">
+<header><h1>pdcd</h1></header>
+<main><section><h2>Nothing is at this address</h2><p>{}</p>
+<p>Open the address that <code>pdcd web</code> printed last, all of it, with what stands behind
+the #.</p></section></main></html>
+"""
 
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -130,6 +148,9 @@ class Site:
         except Exception:
             logger.exception("fault of the program path=%s", request.raw_path[:100])
             response = _error(500, "internal", "a fault of the program: see its log")
+        seen = "text/html" in request.headers.get("Accept", "")
+        if seen and response.status >= 400 and isinstance(response, web.Response):
+            response = _error_page(response.status, msgspec.json.decode(response.body or b""))
         if not response.prepared:
             for name, value in ALWAYS.items():
                 response.headers[name] = value
@@ -243,7 +264,7 @@ class Site:
             params["detach"] = True
         told = await self._asks.ask(wants.method, params, answer_s=wants.answer_s)
         if name == "plan":
-            told = {**told, "rows": plan_rows(msgspec.convert(told, PlanSummary))}
+            told["rows"] = name_fields(plan_rows(msgspec.convert(told, PlanSummary)))
         return _json(told)
 
 
@@ -297,6 +318,12 @@ def _error(
     status: int, kind: str, message: str, device: str | None = None, hint: str | None = None
 ) -> web.Response:
     told = {"kind": kind, "message": message, "device": device, "hint": hint}
-    response = _json({"error": told})
+    response = _json({"error": name_fields(told)})
     response.set_status(status)
     return response
+
+
+def _error_page(status: int, told: Any) -> web.Response:
+    """The same for a person who typed an address, or kept an old one."""
+    page = _ERROR_PAGE.format(to_html(told["error"]["message"]))
+    return web.Response(text=page, status=status, content_type="text/html", charset="utf-8")

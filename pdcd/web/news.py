@@ -20,6 +20,7 @@ from pdcd.errors import PdcdError
 from pdcd.files.text import encode_json
 from pdcd.protocol.events import ENDS, THINNED, Event, JobQueued, JobStarted, encode_event
 from pdcd.web.asks import CONNECT_S, DaemonQueries
+from pdcd.web.pages import name_fields
 
 _RETRY_S = 1.0
 """Time between two attempts to reach the daemon, in seconds."""
@@ -137,8 +138,8 @@ class News:
         share = None if done is None or not total else done / total
         message = {
             "what": "event",
-            **encode_event(event),
-            "words": describe_event(event),
+            **name_fields(encode_event(event)),
+            "words": name_fields(describe_event(event)),
             "share": share,
         }
         if (

@@ -7,6 +7,8 @@ of `pdcd.protocol.fields`.
 
 from __future__ import annotations
 
+import functools
+import re
 from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
@@ -21,6 +23,7 @@ _TYPES: Mapping[str, str] = {
     "svg": "image/svg+xml",
 }
 INDEX = "index.html"
+_OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)")
 
 ALWAYS: Mapping[str, str] = {
     "Cache-Control": "no-store",
@@ -72,6 +75,26 @@ def list_form_groups() -> list[dict[str, Any]]:
     return groups
 
 
+def name_fields(told: Any) -> Any:
+    """What is told in JSON types, its options of a command line as the form calls their fields:
+    "--parts 4" as "parts 4". For what advice says, from wherever it comes."""
+    if isinstance(told, str):
+        return _OPTION.sub(_name_field, told) if "--" in told else told
+    if isinstance(told, dict):
+        return {key: name_fields(value) for key, value in told.items()}
+    return [name_fields(value) for value in told] if isinstance(told, list | tuple) else told
+
+
+def _name_field(option: re.Match[str]) -> str:
+    return _labels().get(option[1], option[0])
+
+
+@functools.cache
+def _labels() -> Mapping[str, str]:
+    fields = list_request_fields().values()
+    return {each.about.option or each.name.replace("_", "-"): each.label for each in fields}
+
+
 def _described(field: Field) -> dict[str, Any]:
     """One field.
 
@@ -83,7 +106,7 @@ def _described(field: Field) -> dict[str, Any]:
         values = [True, False, *values]
     return {
         "name": field.name,
-        "label": field.label,
+        "label": f"{field.label} ({field.about.unit})" if field.about.unit else field.label,
         "text": field.text,
         "takes": field.takes,
         "kind": field.kind,

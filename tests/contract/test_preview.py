@@ -1,4 +1,4 @@
-"""The finder of another package keeps the contract of its role: pdcd itself has none so far."""
+"""Finders keep the contract of their role: ours, and that of another package."""
 
 from __future__ import annotations
 
@@ -17,3 +17,16 @@ class TestStrangersFinder(PreviewContract):
     def package(self, monkeypatch: pytest.MonkeyPatch) -> None:
         for package in ("stranger_driver", "stranger_samples"):
             monkeypatch.syspath_prepend(str(ROOT / "tests" / "data" / package))
+
+
+class TestMockFinder(PreviewContract):
+    """The mock bench as it stands."""
+
+    driver = "mock"
+
+
+class TestPtpFinder(PreviewContract):
+    """Live view of the virtual EOS."""
+
+    driver = "ptp"
+    config = {"camera": {"driver": "ptp", "profile": "450d", "options": {"usb": "virtual"}}}  # noqa: RUF012

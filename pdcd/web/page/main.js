@@ -102,21 +102,30 @@ function told(message) {
   }
 }
 
-function cutOff() {
+function cutOff(trouble) {
   state = { ...state, here: false, status: null };
   by("state").textContent = "page cut off";
   by("state").className = "away";
-  say(by("trouble"), "pdcd web does not answer. If it was started again, open the address that it printed then.");
+  say(by("failure"), "");
+  say(
+    by("trouble"),
+    trouble?.kind === "refused"
+      ? "This address lets nobody in, or no longer: open the one that pdcd web printed last, with what stands behind the #."
+      : "pdcd web does not answer. If it was started again, open the address that it printed then.",
+  );
   jobs.state(null);
   buttons();
 }
 
 async function listen() {
   for (;;) {
+    let why = null; // whatever it was, it is tried again
     try {
       for await (const message of news("events")) told(message);
-    } catch {} // whatever it was, it is tried again
-    cutOff();
+    } catch (trouble) {
+      why = trouble;
+    }
+    cutOff(why);
     await new Promise((again) => setTimeout(again, AGAIN_MS));
   }
 }

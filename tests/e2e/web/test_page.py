@@ -18,6 +18,7 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
+from pdcd.panels.placing import Placing
 from tests import bench_rig
 from tests.browser import READY_MS, Tab, launched
 from tests.e2e.web._bench import Bench, bench
@@ -35,13 +36,13 @@ def chromium() -> Iterator[Any]:
 
 
 @contextmanager
-def page(chromium: Any, here: Bench) -> Iterator[Any]:
+def page(chromium: Any, here: Bench, first: str = "") -> Iterator[Any]:
     """A page that was opened at the printed address; fails on any error of its scripts."""
     context = chromium.new_context(viewport={"width": 1280, "height": 900})
     try:
         tab = Tab(context.new_page())
         tab.page.set_default_timeout(READY_MS)
-        tab.page.goto(here.address)
+        tab.page.goto(here.address + first)
         yield tab.page
     finally:
         context.close()
@@ -159,6 +160,49 @@ def test_focus_is_shown_photo_by_photo(chromium: Any, tmp_path: Path) -> None:
         assert opened.locator("#focus-found li").count() == 2
         assert opened.locator("#focus-chart circle").count() >= 4
         opened.locator("#job-stage.done").wait_for()
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_live_view_is_seen_and_gives_way(chromium: Any, tmp_path: Path, width: int) -> None:
+    camera = CameraConfig(noise="none", f_number=8.0, place=Placing(scale=2.0))
+    panels = {name: PanelConfig(size_px=(64, 48)) for name in ("projector", "mask")}
+    config = bench_rig.config(tmp_path, grid=(6, 8), camera=camera, **panels)
+    with bench(tmp_path, config) as here, page(chromium, here, ".live") as opened:
+        opened.set_viewport_size({"width": width, "height": 900})
+        # By its address it begins by itself.
+        opened.locator("#live-figures dd", has_text="pictures a second").wait_for()
+        assert opened.locator("#live").inner_text() == "Stop"
+        image = opened.locator("#live-picture")
+        opened.wait_for_function("document.querySelector('#live-picture').naturalWidth === 8")
+        # The camera sees twice the field, whose edge is drawn there.
+        edge = opened.locator("#live-edge").get_attribute("points").split()
+        places = [[float(at) for at in point.split(",")] for point in edge]
+        assert all(min(p) == pytest.approx(0.25) for p in zip(*places, strict=True))
+        assert all(max(p) == pytest.approx(0.75) for p in zip(*places, strict=True))
+        drawn, seen = (opened.locator(f"#live-frame {of}").bounding_box() for of in ("svg", "img"))
+        assert drawn == seen and seen["width"] > 300
+        assert opened.evaluate("document.documentElement.scrollWidth") == width
+        before = image.get_attribute("src")
+        opened.wait_for_function(
+            "was => document.querySelector('#live-picture').src !== was", arg=before
+        )
+        opened.locator("#live").click()
+        opened.locator("#state.idle").wait_for()
+        assert opened.locator("#live-trouble").is_hidden()
+        opened.select_option("#live-pattern", "checker")
+        opened.locator("#live:enabled").click()
+        opened.locator("#job-name", has_text="live checker").wait_for()
+        opened.fill("#field-codes", "8")
+        opened.locator("#start:enabled").click()
+        opened.locator("#live-trouble", has_text="gave way").wait_for()
+        opened.locator("#job-stage.done").wait_for()
+        # A page that is closed ends it.
+        opened.locator("#live:enabled").click()
+        opened.locator("#state.busy").wait_for()
+    (tmp_path / "again").mkdir()
+    with bench(tmp_path / "again", config) as here, page(chromium, here) as opened:
+        opened.goto(here.address.partition("#")[0] + "nowhere")
+        assert "printed" in opened.locator("section").inner_text()
 
 
 def test_a_report_runs_as_a_page_of_no_origin(chromium: Any, tmp_path: Path) -> None:
