@@ -150,7 +150,7 @@ class Site:
             response = _error(500, "internal", "a fault of the program: see its log")
         seen = "text/html" in request.headers.get("Accept", "")
         if seen and response.status >= 400 and isinstance(response, web.Response):
-            response = _error_page(response.status, msgspec.json.decode(response.body or b""))
+            response = _error_page(response.status, response.text or "")
         if not response.prepared:
             for name, value in ALWAYS.items():
                 response.headers[name] = value
@@ -323,7 +323,7 @@ def _error(
     return response
 
 
-def _error_page(status: int, told: Any) -> web.Response:
+def _error_page(status: int, told: str) -> web.Response:
     """The same for a person who typed an address, or kept an old one."""
-    page = _ERROR_PAGE.format(to_html(told["error"]["message"]))
+    page = _ERROR_PAGE.format(to_html(msgspec.json.decode(told)["error"]["message"]))
     return web.Response(text=page, status=status, content_type="text/html", charset="utf-8")

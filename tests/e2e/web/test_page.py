@@ -164,7 +164,7 @@ def test_focus_is_shown_photo_by_photo(chromium: Any, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("width", [1280, 390])
 def test_a_live_view_is_seen_and_gives_way(chromium: Any, tmp_path: Path, width: int) -> None:
-    camera = CameraConfig(noise="none", f_number=8.0, place=Placing(scale=2.0))
+    camera = CameraConfig(noise="none", f_number=8.0, quads_per_cell=4, place=Placing(scale=2.0))
     panels = {name: PanelConfig(size_px=(64, 48)) for name in ("projector", "mask")}
     config = bench_rig.config(tmp_path, grid=(6, 8), camera=camera, **panels)
     with bench(tmp_path, config) as here, page(chromium, here, ".live") as opened:
@@ -173,7 +173,7 @@ def test_a_live_view_is_seen_and_gives_way(chromium: Any, tmp_path: Path, width:
         opened.locator("#live-figures dd", has_text="pictures a second").wait_for()
         assert opened.locator("#live").inner_text() == "Stop"
         image = opened.locator("#live-picture")
-        opened.wait_for_function("document.querySelector('#live-picture').naturalWidth === 8")
+        opened.wait_for_function("document.querySelector('#live-picture').naturalWidth === 32")
         # The camera sees twice the field, whose edge is drawn there.
         edge = opened.locator("#live-edge").get_attribute("points").split()
         places = [[float(at) for at in point.split(",")] for point in edge]
@@ -192,10 +192,9 @@ def test_a_live_view_is_seen_and_gives_way(chromium: Any, tmp_path: Path, width:
         opened.select_option("#live-pattern", "checker")
         opened.locator("#live:enabled").click()
         opened.locator("#job-name", has_text="live checker").wait_for()
-        opened.fill("#field-codes", "8")
-        opened.locator("#start:enabled").click()
+        opened.locator("#plan:enabled").click()
         opened.locator("#live-trouble", has_text="gave way").wait_for()
-        opened.locator("#job-stage.done").wait_for()
+        opened.locator("#plan-answer dt").first.wait_for()
         # A page that is closed ends it.
         opened.locator("#live:enabled").click()
         opened.locator("#state.busy").wait_for()
