@@ -254,9 +254,8 @@ class Client:
         `on_frame` takes each picture as fast as it can, so that none waits, and returns whether
         that is enough; KeyboardInterrupt is enough, too. picture : whether JPEGs are wanted.
         """
-        params = {"pattern": pattern, "index": index}
-        job = convert_reply(self.call("preview.live", params), Admission).job
-        asked: dict[str, object] = {"job": job, "picture": picture}
+        began = self.call("preview.live", {"pattern": pattern, "index": index})
+        asked = {"job": (job := convert_reply(began, Admission).job), "picture": picture}
         number = 0
         try:
             while True:

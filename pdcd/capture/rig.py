@@ -327,12 +327,6 @@ class Rig:
         when it did, and is good for nothing else. Raises ExposureError when the frames ended first,
         and ConfigError for rows with times of their own that the display does not know.
         """
-        if self.hangs():
-            raise DeviceLost(
-                "the camera still hangs in a live view",
-                device="camera",
-                hint="switch it off and on",
-            )
         settle_ns = round(self.config.rig.settle_s * 1e9)
         settings = self._timed(settings, frames, moving)
         self.display.load(frames)
@@ -375,7 +369,13 @@ class Rig:
         self, settings: CameraSettings, frames: Frames, moving: ShutterTiming | None
     ) -> CameraSettings:
         """The settings with the times of this exposure. Raises ConfigError for frames that the
-        display cannot show."""
+        display cannot show, and DeviceLost for a camera that still hangs."""
+        if self.hangs():
+            raise DeviceLost(
+                "the camera still hangs in a live view",
+                device="camera",
+                hint="switch it off and on",
+            )
         info = self.display_info
         if info is None or not info.row_times:
             check_row_times(frames)

@@ -279,41 +279,17 @@ class Runner:
             while not job.proceed_flag.wait(_PROCEED_LOOK_S) and not cancelled():
                 pass
 
-        def see(frame: LiveFrame) -> None:
-            loop.call_soon_threadsafe(job.see, frame)
-
-        engine, owner = self._engine, job.owner.view()
         answer: PlanSummary | PreviewView | None = None
         result = CaptureResult(job=job.name, state="done")
         try:
             if isinstance(request, CalibrateRequest):
-                result = engine.calibrate(
+                result = self._engine.calibrate(
                     request, job=job.name, emit=emit, cancelled=cancelled, proceed=proceed
                 )
             elif isinstance(request, LiveParams):
-                result = engine.live(
-                    request.pattern,
-                    request.index,
-                    job=job.name,
-                    tell=see,
-                    cancelled=cancelled,
-                    ended=lambda: job.given_up,
-                )
-            elif job.kind == "plan":
-                answer = engine.plan(request, job.given, emit=emit, cancelled=cancelled)
-            elif job.kind == "preview":
-                answer = engine.preview(job=job.name, owner=owner, emit=emit, cancelled=cancelled)
+                result = self._show_live(job, request, loop, cancelled)
             else:
-                result = engine.capture(
-                    request,
-                    job.given,
-                    job=job.name,
-                    owner=owner,
-                    emit=emit,
-                    cancelled=cancelled,
-                    parent=job.place,
-                    report=True,
-                )
+                result, answer = self._photograph(job, request, emit, cancelled, result)
         finally:
             thinned.flush()
         if result.state not in ENDED:
@@ -321,6 +297,48 @@ class Runner:
         # By way of JSON types, so that nothing unencodable gets as far as the socket.
         told = None if answer is None else msgspec.convert(to_wire_types(answer), type(answer))
         return msgspec.convert(to_wire_types(result), CaptureResult), told
+
+    def _show_live(
+        self,
+        job: Job,
+        asked: LiveParams,
+        loop: asyncio.AbstractEventLoop,
+        cancelled: Callable[[], bool],
+    ) -> CaptureResult:
+        return self._engine.live(
+            asked.pattern,
+            asked.index,
+            job=job.name,
+            tell=lambda frame: loop.call_soon_threadsafe(job.see, frame),
+            cancelled=cancelled,
+            ended=lambda: job.given_up,
+        )
+
+    def _photograph(
+        self,
+        job: Job,
+        request: CaptureRequest,
+        emit: events.Emit,
+        cancelled: Callable[[], bool],
+        done: CaptureResult,
+    ) -> tuple[CaptureResult, PlanSummary | PreviewView | None]:
+        """A capture; or a plan or a preview, whose answer is more than that they are `done`."""
+        engine, owner = self._engine, job.owner.view()
+        if job.kind == "plan":
+            return done, engine.plan(request, job.given, emit=emit, cancelled=cancelled)
+        if job.kind == "preview":
+            return done, engine.preview(job=job.name, owner=owner, emit=emit, cancelled=cancelled)
+        result = engine.capture(
+            request,
+            job.given,
+            job=job.name,
+            owner=owner,
+            emit=emit,
+            cancelled=cancelled,
+            parent=job.place,
+            report=True,
+        )
+        return result, None
 
     def _cancel(self, job: Job) -> None:
         """Ask for the end of a job; one that waits has ended by this."""

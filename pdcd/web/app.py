@@ -187,6 +187,7 @@ class Site:
     async def _live(self, request: web.Request) -> web.StreamResponse:
         """Pictures of a live view, for as long as the page reads them: then it ends."""
         asked = await _read_body(request, LiveParams, SMALL_BYTES)
+        self._places.admit(request.transport, LONG_S)
         return await self._streamed(request, _tell_frames(self._asks.follow(_plain(asked))))
 
     async def _streamed(
@@ -194,7 +195,6 @@ class Site:
     ) -> web.StreamResponse:
         """Server-sent events, until there are no more, or the page has gone."""
         async with contextlib.aclosing(messages):
-            self._places.admit(request.transport, LONG_S)
             first = await anext(messages)
             response = web.StreamResponse(headers={**ALWAYS, "Content-Security-Policy": OURS})
             response.content_type = "text/event-stream"
@@ -264,7 +264,8 @@ class Site:
             params["detach"] = True
         told = await self._asks.ask(wants.method, params, answer_s=wants.answer_s)
         if name == "plan":
-            told["rows"] = name_fields(plan_rows(msgspec.convert(told, PlanSummary)))
+            rows = plan_rows(msgspec.convert(told, PlanSummary))
+            told = {**told, "rows": name_fields(rows)}
         return _json(told)
 
 

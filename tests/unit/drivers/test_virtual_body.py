@@ -241,6 +241,7 @@ def test_what_a_sound_body_tells_at_first() -> None:
         0xD11B: 92,  # what its card has room for
         0xD11C: 2,  # the card
         0xD11E: 0x20001,
+        0xD1B0: 0,  # no live view
     }
     packed = {r.prop: r.data for r in told if isinstance(r, PropValue) and len(r.data) != 4}
     assert packed[0xD120] == struct.pack("<5I", 1, 16, 6, 0, 4)
