@@ -17,7 +17,7 @@ from pdcd.sensor.finder_picture import choose_finder_gain, draw_finder_picture
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import read_raw, to_rgb
 
-_FIRST_S, _SHORTEST_S, _LONGEST_S = 0.05, 0.002, 0.5
+_FIRST_S, _SHORTEST_S, _LONGEST_S = 0.05, 0.002, 0.2
 """Exposures: the first one, and those that it may come to."""
 _MOST_STEP = 8.0
 """By how much an exposure may differ from the one before it."""

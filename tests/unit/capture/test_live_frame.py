@@ -31,7 +31,7 @@ def test_stripes_are_as_deep_as_they_are_made_and_less_so_out_of_focus() -> None
     assert found == pytest.approx(0.5 * kept, rel=0.01)
     depths = [found]
     for sigma in (0.5, 1.0, 2.0):
-        blurred = cv2.GaussianBlur(light, (0, 0), sigma)
+        blurred = np.asarray(cv2.GaussianBlur(light, (0, 0), sigma), np.float32)
         depths.append(measure_detail(blurred, everywhere))
     assert depths == sorted(depths, reverse=True) and depths[-1] < 0.1 * found
 

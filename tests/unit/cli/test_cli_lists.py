@@ -69,7 +69,8 @@ def test_the_newest_fifty_are_listed_and_pages_asked_for_until_then(
     finder.pages = [Page(state_folder="/srv", runs=[entry(n % 9)] * 30, more=f"m{n}")
                     for n in range(4)]  # fmt: skip
     out, err = listed(capsys)
-    assert len(out) == 51 and err[:1] == ["50 runs in /srv"]
+    assert len(out) == 51 and err[0].startswith("50 runs in /srv; ")
+    assert err[0].endswith("pdcd runs --state-dir DIR")
     assert [query.before for query in finder.asked] == [None, "m0"]
     del finder.asked[:]
     finder.pages = [*finder.pages[:3], Page(state_folder="/srv", runs=[entry(7)])]
