@@ -8,7 +8,7 @@ from pdcd.driver import RealClock
 
 from .body import CameraBody
 from .develop import Develop, start_developer
-from .films import SENSOR_450D, make_chart_film, make_scene_film
+from .films import SENSOR_450D, make_chart_film, make_chart_finder, make_scene_film
 from .ptpip import PtpIpServer
 from .shutter import ShutterFilm
 
@@ -37,4 +37,4 @@ def serve_virtual_camera(port: int, *, scene: str, small: bool, say: Callable[[s
 
 def make_real_time_body(film: ShutterFilm, develop: Develop) -> CameraBody:
     """A 450D for clients that wait for their answers: files are made by `develop`."""
-    return CameraBody(RealClock(), film, develop=develop)
+    return CameraBody(RealClock(), film, develop=develop, finder=make_chart_finder())

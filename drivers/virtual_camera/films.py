@@ -98,6 +98,13 @@ def make_chart_film(shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -> Plai
     return _lit_film(np.outer(frame, _BRIGHTEST_E_PER_S * steps), seed)
 
 
+def make_chart_finder() -> Callable[[], bytes]:
+    """What makes pictures of live view of that chart: sixteen grey steps, left to right."""
+    steps = np.repeat(np.arange(16, dtype=np.uint8) * 17, 30)
+    jpeg = encode_jpeg(np.tile(steps, (320, 1)))
+    return lambda: jpeg
+
+
 def make_scene_film(kind: str, shape: tuple[int, int] = SENSOR_450D) -> PlainFilm:
     """A scene preset of the mock bench under steady white light, spread over the whole sensor.
 

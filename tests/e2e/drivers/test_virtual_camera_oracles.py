@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 
+from drivers.virtual_camera.films import make_chart_finder
 from tests.places import ROOT
 from tests.tools import needs, program
 
@@ -207,3 +208,10 @@ def test_the_command_line_serves_until_it_is_interrupted() -> None:
             process.communicate()
     assert process.returncode == 0
     assert errors == ""
+
+
+@cli
+def test_libgphoto2_sees_through_its_finder(camera: Camera, tmp_path: Path) -> None:
+    gphoto2(camera, tmp_path, "--capture-preview")
+    (picture,) = tmp_path.glob("*.jpg")
+    assert picture.read_bytes() == make_chart_finder()()
