@@ -123,7 +123,8 @@ class BenchSensor:
         if self._config.noise == "full":
             read_e = self._true.rows[-1].read_noise_e
             charge_e += np.sqrt(charge_e + read_e**2) * self._rng.standard_normal(charge_e.shape)
-        gain = min(choose_finder_gain(rate * shown_s), _FINDER_GAIN / full_e)
+        charge_e *= self._true_responsivity_e.max() / self._true_responsivity_e  # white is white
+        gain = min(choose_finder_gain(charge_e), _FINDER_GAIN / full_e)
         return draw_finder_picture(charge_e * gain)
 
     def _plane(self, iso: int, f_number: float) -> _Photo:

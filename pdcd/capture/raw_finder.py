@@ -84,7 +84,9 @@ class RawFinder:
                 close_ns = rig.shutter.close()
         rig.context.shared.exposed_ns = open_ns, close_ns
         photo = rig.readout.fetch(folder, "live", timeout_s)
-        return _read_frame(photo) if isinstance(photo, PhotoFrame) else _read_file(photo)
+        light = _read_frame(photo) if isinstance(photo, PhotoFrame) else _read_file(photo)
+        # White is white.
+        return light if info is None else light * info.responsivity_e.max() / info.responsivity_e
 
 
 def _read_file(photo: RawFile) -> Floats:
