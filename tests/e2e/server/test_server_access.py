@@ -168,7 +168,7 @@ def test_an_abstract_socket_has_no_group() -> None:
 LOOK = {"hello", "ping", "rig.status", "rig.describe", "capture.wait", "capture.list"}
 LOOK |= {"events.subscribe", "events.unsubscribe"}
 SHOOT = {"config.get", "capture.plan", "capture.start", "capture.cancel", "display.show"}
-SHOOT |= {"preview.grab", "calibrate.start", "calibrate.proceed"}
+SHOOT |= {"preview.grab", "preview.live", "preview.frame", "calibrate.start", "calibrate.proceed"}
 
 SOUND: dict[str, dict[str, Any]] = {
     "hello": {"protocol": [1, 0]},
@@ -180,11 +180,17 @@ SOUND: dict[str, dict[str, Any]] = {
 
 async def kinds(wire: Wire, job: str) -> dict[str, str]:
     """How each method ends for this client: "" where it is done, else the kind of its error."""
-    found = {}
+    found, live = {}, ""
     for method in METHODS:
         params = {"job": job} if method.endswith((".wait", ".cancel", ".proceed")) else {}
+        if method == "preview.frame":
+            params = {"job": live or job}
         answer = await wire.ask(method, **SOUND.get(method, params))
         found[method] = answer["error"]["data"]["kind"] if "error" in answer else ""
+        if method == "preview.live" and "result" in answer:
+            live = answer["result"]["job"]
+        if method == "preview.frame" and live:
+            await wire.result("capture.cancel", job=live)
         if method.endswith(".start") and "result" in answer:
             await wire.result("capture.wait", job=answer["result"]["job"])
     return found
@@ -209,6 +215,7 @@ async def test_every_method_is_refused_below_its_role(
     users.become(BERT, 5001)
     async with running.wire() as wire:
         found = await kinds(wire, job)
+        assert (await wire.error("preview.frame", job=job))["data"]["kind"] == "denied"
     for method in ("capture.cancel", "calibrate.proceed"):
         assert found.pop(method) == "denied"  # root's job
     assert set(found.values()) == {""}
