@@ -242,32 +242,24 @@ class Client:
         )
 
     def live(
-        self,
-        on_frame: Callable[[LiveFrame], bool],
-        pattern: str = "white",
-        index: int = 0,
-        *,
-        picture: bool = True,
+        self, on_frame: Callable[[LiveFrame], bool], pattern: str, index: int, *, picture: bool
     ) -> CaptureResult:
         """See through the camera's finder while the panels hold a pattern of `show`.
 
-        `on_frame` takes each picture as fast as it can, so that none waits, and returns whether
-        that is enough; KeyboardInterrupt is enough, too. picture : whether JPEGs are wanted.
+        `on_frame` takes each picture, the newest when it is asked, and returns whether that is
+        enough; KeyboardInterrupt is, too. picture : whether JPEGs are wanted.
         """
-        began = self.call("preview.live", {"pattern": pattern, "index": index})
-        asked = {"job": (job := convert_reply(began, Admission).job), "picture": picture}
-        number = 0
-        try:
-            while True:
-                request_id = self._send("preview.frame", {**asked, "after": number})
-                frame = convert_reply(self._answer(request_id, None, None), LiveFrame)
-                number = frame.number
-                if on_frame(frame):
+        begun = self.call("preview.live", {"pattern": pattern, "index": index})
+        job, number, enough = convert_reply(begun, Admission).job, 0, False
+        with contextlib.suppress(KeyboardInterrupt):
+            while not enough:
+                asked = {"job": job, "after": number, "picture": picture}
+                request_id = self._send("preview.frame", asked)
+                try:
+                    frame = convert_reply(self._answer(request_id, None, None), LiveFrame)
+                except PdcdError:  # it has ended
                     break
-        except KeyboardInterrupt:
-            pass
-        except PdcdError:
-            return self._wait(job, None)
+                number, enough = frame.number, on_frame(frame)
         return self.cancel(job)
 
     def events(self, jobs: str = "all") -> Iterator[Event]:

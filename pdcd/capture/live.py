@@ -52,16 +52,17 @@ class FinderThread:
         self._ends = threading.Event()
         self._changed = threading.Condition()
         self._newest: _Came | None = None
-        self._error: Exception | None = None
+        self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="pdcd-finder", daemon=True)
 
     def start(self) -> None:
         """Begin to ask."""
         self._thread.start()
 
-    def is_alive(self) -> bool:
-        """Whether it is still in a call of the finder, or between two."""
-        return self._thread.is_alive()
+    def look(self) -> None:
+        """Raise DeviceLost while it is in a call of the finder, or between two."""
+        if self._thread.is_alive():
+            raise _make_lost()
 
     def take(self, within_s: float) -> _Came | None:
         """The newest picture that was not taken yet, None where none comes within that time. Raises
@@ -86,7 +87,7 @@ class FinderThread:
                 self._ask()
             finally:
                 self._finder.disconnect()
-        except Exception as err:
+        except BaseException as err:  # a driver may not end the program
             if self._ends.is_set():
                 logger.info("finder ended error=%s", err)
             with self._changed:
@@ -124,8 +125,7 @@ def run_live_view(
     failure: PdcdError | None = None
     with rig.pulse.of_job(lambda: cancelled() or ended()):
         try:
-            if rig.hangs():
-                raise _make_lost()
+            rig.look_at_finder()
             frames = rig.context.shared.held = draw()
             if frames is not None:
                 rig.display.show(frames)
@@ -135,7 +135,9 @@ def run_live_view(
             thread = FinderThread(finder, longest_s)
             thread.start()
             _pass_on(thread, longest_s + _OVER_S, made, tell, cancelled, ended)
-        except Exception as err:
+        except BaseException as err:
+            if isinstance(err, KeyboardInterrupt):
+                raise
             failure = to_typed_error(err)
             if failure is not err:
                 logger.error("live view failed job=%s", job, exc_info=err)
@@ -193,7 +195,7 @@ def _make_dark(rig: Rig, thread: FinderThread | None) -> bool:
         logger.warning("panels not black error=%s", err)
     if thread is None or thread.end(_GRACE_S):
         return rig.make_safe()
-    rig.hangs = thread.is_alive
+    rig.look_at_finder = thread.look
     logger.error("the camera hangs in its finder, which is left behind")
     return rig.make_safe_beside(_GRACE_S)
 

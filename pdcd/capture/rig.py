@@ -98,7 +98,7 @@ class Rig:
         context = DriverContext(
             config=config, clock=self.clock, alive=pulse, cancelled=pulse.cancelled
         )
-        self._context = context
+        self._context = self.context = context
         classes = {
             "display": load_driver("display", config.display.driver),
             "shutter": load_driver("shutter", config.trigger.driver),
@@ -117,13 +117,8 @@ class Rig:
         self._arming_ns = 0
         self._readouts_ns: deque[int] = deque(maxlen=_LAST_PHOTOS)
         self._photos: set[str] = set()
-        self.hangs: Callable[[], bool] = lambda: False
-        """Whether the camera is still in a call of a live view that was left behind."""
-
-    @property
-    def context(self) -> DriverContext:
-        """What its drivers were made with."""
-        return self._context
+        self.look_at_finder: Callable[[], object] = lambda: None
+        """Raises DeviceLost while the camera hangs in a live view that was left behind."""
 
     @property
     def camera(self) -> CameraInfo | None:
@@ -369,13 +364,8 @@ class Rig:
         self, settings: CameraSettings, frames: Frames, moving: ShutterTiming | None
     ) -> CameraSettings:
         """The settings with the times of this exposure. Raises ConfigError for frames that the
-        display cannot show, and DeviceLost for a camera that still hangs."""
-        if self.hangs():
-            raise DeviceLost(
-                "the camera still hangs in a live view",
-                device="camera",
-                hint="switch it off and on",
-            )
+        display cannot show, DeviceLost for a camera that hangs."""
+        self.look_at_finder()
         info = self.display_info
         if info is None or not info.row_times:
             check_row_times(frames)

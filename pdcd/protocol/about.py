@@ -34,17 +34,15 @@ GROUPS: Mapping[_GroupName, tuple[str, str]] = {
 class FieldDescription:
     """What people are told of a field beside its text; `describe_field` writes it.
 
-    group : where it is shown. unit : of its numbers, where its name does not say it. metavar : what
-    stands for its value on the command line, or for each of its values. option : its name there
-    where that is not the field's own. needed_by, taken_by : goals that it is a parameter of; none:
-    it is not one of goals. common : whether the form of the page shows it at once. one_is_both :
-    whether one number may be typed for a pair of equal ones. switched : help of the two switches of
-    a field that takes true, false or a word. worded : how values begin that are no file, of a field
-    that takes files.
+    group : where it is shown. metavar : what stands for its value on the command line, or for each
+    of its values. option : its name there where that is not the field's own. needed_by, taken_by :
+    goals that it is a parameter of; none: it is not one of goals. common : whether the form of the
+    page shows it at once. one_is_both : whether one number may be typed for a pair of equal ones.
+    switched : help of the two switches of a field that takes true, false or a word. worded : how
+    values begin that are no file, of a field that takes files.
     """
 
     group: _GroupName
-    unit: str = ""
     option: str = ""
     metavar: str | tuple[str, ...] = ""
     needed_by: Collection[GoalName] = ()

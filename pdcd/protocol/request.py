@@ -112,7 +112,6 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
             "cells down and right from each camera cell to the projector cell it is matched with",
             "goal",
             ("DOWN", "RIGHT"),
-            unit="cells",
             needed_by=["off-diagonal", "descattered"],
             taken_by=_MATCHED,
         ),
@@ -131,7 +130,6 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
             "what counts as near, in cells",
             "goal",
             "CELLS",
-            unit="cells",
             needed_by=["long-range", "short-range"],
         ),
     ] = None
@@ -141,9 +139,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = None
     period: Annotated[
         Annotated[int, Meta(ge=4, le=_MOST_CELLS, multiple_of=4)] | None,
-        describe_field(
-            "cells from one stripe to the next", "goal", "CELLS", unit="cells", needed_by=["split"]
-        ),
+        describe_field("cells from one stripe to the next", "goal", "CELLS", needed_by=["split"]),
     ] = None
     disparity: Annotated[
         tuple[_Step, _Step] | None,
@@ -152,7 +148,6 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
             "to the projector cell that lights it; default: 0",
             "goal",
             ("LOW", "HIGH"),
-            unit="cells",
             taken_by=_RANGES_OF_DEPTH,
             one_is_both=True,
         ),
@@ -271,7 +266,6 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
             "take no more parts once RMS sigma over the picture's RMS is as low as that",
             "codes",
             "E",
-            unit="share of 1",
         ),
     ] = None
     repeat: Annotated[
@@ -289,7 +283,6 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
             "wanted RMS error as a share of the picture's RMS; codes and exposures follow",
             "planning",
             "E",
-            unit="share of 1",
             common=True,
         ),
     ] = None
@@ -345,7 +338,6 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
             "coded time in seconds: as many whole passes of the codes as fit",
             "photo",
             "S",
-            unit="s",
             option="exposure",
         ),
     ] = None

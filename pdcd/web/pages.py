@@ -23,6 +23,7 @@ _TYPES: Mapping[str, str] = {
     "svg": "image/svg+xml",
 }
 INDEX = "index.html"
+_UNITS: Mapping[str, str] = {"CELLS": "cells", "S": "s", "E": "share of 1"}
 _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)")
 
 ALWAYS: Mapping[str, str] = {
@@ -95,6 +96,12 @@ def _labels() -> Mapping[str, str]:
     return {each.about.option or each.name.replace("_", "-"): each.label for each in fields}
 
 
+def _unit(field: Field) -> str:
+    """Behind a label that does not say it, by what stands for the value on the command line."""
+    unit = _UNITS.get(str(field.about.metavar), "")
+    return f" ({unit})" if unit and not field.label.startswith(unit) else ""
+
+
 def _described(field: Field) -> dict[str, Any]:
     """One field.
 
@@ -106,7 +113,7 @@ def _described(field: Field) -> dict[str, Any]:
         values = [True, False, *values]
     return {
         "name": field.name,
-        "label": f"{field.label} ({field.about.unit})" if field.about.unit else field.label,
+        "label": field.label + _unit(field),
         "text": field.text,
         "takes": field.takes,
         "kind": field.kind,

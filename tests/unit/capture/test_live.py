@@ -15,7 +15,7 @@ from pdcd.bench.devices import Preview
 from pdcd.bench.registry import list_known_drivers
 from pdcd.capture import live
 from pdcd.capture.engine import Engine
-from pdcd.errors import ExposureError, PdcdError
+from pdcd.errors import ExposureError
 from pdcd.files.images import decode_jpeg
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -94,7 +94,7 @@ class _Finder:
 
     def __init__(self) -> None:
         self.hangs, self.let_go = threading.Event(), threading.Event()
-        self.error: PdcdError | None = None
+        self.error: BaseException | None = None
         self.picture: NDArray[np.generic] = np.zeros((4, 6), np.uint8)
 
     def connect(self) -> dict[str, str]:
@@ -138,8 +138,8 @@ def test_a_camera_that_hangs_is_left_behind(
     engine.show("white", 0)  # the panels are no camera
     engine.show("black", 0)
     finder.let_go.set()
-    while engine._rig.hangs():
-        pass
+    (thread,) = (each for each in threading.enumerate() if each.name == "pdcd-finder")
+    thread.join(60.0)
     assert bench_rig.capture(engine, REQUEST, job="job-2").state == "done"
 
 
@@ -160,6 +160,11 @@ def test_an_error_of_the_finder_is_that_of_the_job(engine: Engine, finder: _Find
         "kind": "exposure", "message": "its mirror is stuck", "device": "camera", "hint": "tap it",
     }  # fmt: skip
     assert is_safe(bench_rig.bench_of(engine))
+
+
+def test_a_finder_that_would_end_the_program_ends_the_job(engine: Engine, finder: _Finder) -> None:
+    finder.error = SystemExit(3)
+    assert Viewer(1).look(engine).state == "failed" and is_safe(bench_rig.bench_of(engine))
 
 
 def test_a_camera_without_a_finder_takes_photos(
