@@ -8,7 +8,6 @@ DNG.
 from .bench import MockBench
 from .camera import MockReadout
 from .display import MockDisplay
-from .finder import MockPreview
 from .shutter import MockShutter
 
-__all__ = ["MockBench", "MockDisplay", "MockPreview", "MockReadout", "MockShutter"]
+__all__ = ["MockBench", "MockDisplay", "MockReadout", "MockShutter"]

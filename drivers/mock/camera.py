@@ -26,7 +26,6 @@ from pdcd.driver import (
     write_dng,
 )
 from pdcd.sensor.dng import encode_dng
-from pdcd.sensor.finder_picture import choose_finder_gain, draw_finder_picture
 from pdcd.sensor.profile import IsoRow, SensorProfile, expose_sensor
 
 from .bench import MockBench, check_no_options
@@ -115,6 +114,8 @@ class BenchSensor:
     def finder(self, f_number: float) -> NDArray[np.uint8]:
         """What the finder shows of the panels as they stand: exposed by itself, for the time of a
         picture at most, with the noise of that."""
+        from pdcd.sensor.finder_picture import choose_finder_gain, draw_finder_picture  # no photo
+
         rate = self._bench.held_light() * self._true_responsivity_e
         rate /= self._true_stop(f_number) ** 2
         full_e = self._true.full_well_e

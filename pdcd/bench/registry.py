@@ -47,7 +47,7 @@ DRIVERS: Mapping[tuple[str, str], str] = {
     ("readout", "ptp"): f"{PACKAGE}.ptp.readout:PtpReadout",
     ("readout", "virtual-genicam"): f"{PACKAGE}.virtual_genicam.bench:VirtualGenicamReadout",
     ("preview", "gphoto2"): f"{PACKAGE}.gphoto.finder:GphotoPreview",
-    ("preview", "mock"): f"{PACKAGE}.mock:MockPreview",
+    ("preview", "mock"): f"{PACKAGE}.mock.finder:MockPreview",
     ("preview", "ptp"): f"{PACKAGE}.ptp.finder:PtpPreview",
     ("usb", "virtual"): f"{PACKAGE}.virtual_camera:BenchUsb",
 }

@@ -19,6 +19,7 @@ from pdcd.bench.measured import CalibrationChoice, choose_calibration, link_cali
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.job import (
     EngineJob,
+    describe_rig,
     make_failure,
     make_planning_watch,
     mark_kept,
@@ -26,7 +27,6 @@ from pdcd.capture.job import (
     mark_used,
 )
 from pdcd.capture.rig import Rig
-from pdcd.capture.rig_view import describe_rig
 from pdcd.capture.run import CaptureRun
 from pdcd.capture.worker.answers import RigFacts
 from pdcd.capture.worker.proxy import InProcessWorker, WorkerProxy

@@ -16,13 +16,14 @@ import numpy as np
 
 from pdcd.bench.devices import Clock
 from pdcd.bench.tables import Config
+from pdcd.capture.rig import Rig
 from pdcd.capture.worker.answers import DevelopedRun
 from pdcd.errors import Cancelled, PdcdError, to_error_fields
 from pdcd.protocol.events import DecodingProgress, Emit, Event, PlanningProgress, to_log_entry
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, SummaryValue
-from pdcd.protocol.views import OwnerView, RigView
+from pdcd.protocol.views import CameraView, DriverView, OwnerView, RigView
 from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.ledger import RunLedger, RunStart
@@ -335,3 +336,36 @@ def mark_used(result: CaptureResult, config: Config) -> CaptureResult:
     """The result of a calibration, with whether it is the one in use from now on."""
     used = Path(config.calibration.use).resolve() == Path(str(result.folder)).resolve()
     return msgspec.structs.replace(result, summary={**result.summary, "used": int(used)})
+
+
+def describe_rig(rig: Rig) -> RigView:
+    """The rig as found: drivers, panels, camera, scene. Called by the engine."""
+    config, info = rig.config, rig.camera_info
+    drivers = {
+        "display": config.display.driver,
+        "shutter": config.trigger.driver,
+        "readout": config.camera.driver,
+    }
+    camera = None
+    if info is not None:
+        camera = CameraView(
+            model=info.model,
+            serial=info.serial,
+            profile=info.profile,
+            responsivity_e=tuple(info.responsivity_e.tolist()),
+            isos=info.isos,
+            f_numbers=info.f_numbers,
+        )
+    return RigView(
+        name=config.rig.name,
+        mock=rig.mock,
+        grid=rig.grid,
+        drivers={
+            role: DriverView(name=name, maturity=rig.maturity[role])
+            for role, name in drivers.items()
+        },
+        display=rig.display_info,
+        shutter=rig.shutter_info,
+        camera=camera,
+        scene=None if rig.scene is None else rig.scene.name,
+    )
