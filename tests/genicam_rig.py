@@ -6,11 +6,14 @@ There is one address and one port for all processes of the tests, so whoever wan
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import fcntl
 import socket
+import struct
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from shutil import which
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,9 +28,10 @@ from drivers.virtual_genicam.description import CameraDescription
 from drivers.virtual_genicam.simulator import VIRTUAL_ADDRESS
 from pdcd.bench.clock import VirtualClock
 from pdcd.driver import CameraSettings, Clock, PhotoFrame
+from tests.tools import needs, program
 
-STOCK = "arv-fake-gv-camera-0.8"
 _TURN_S = 150.0
+_CLONE_NEWNET, _SIOCSIFFLAGS, _IFF_UP = 0x40000000, 0x8914, 1
 _DARK_S = 1e-3
 BLACK_DN = 40
 
@@ -44,24 +48,42 @@ def has_aravis() -> bool:
 
 
 needs_aravis = pytest.mark.skipif(not has_aravis(), reason="no libaravis-0.8 here")
-needs_stock = pytest.mark.skipif(
-    not has_aravis() or which(STOCK) is None, reason=f"no {STOCK} here (Debian: aravis-tools)"
-)
+needs_stock = needs("arv-fake-gv-camera")
 
 
 @contextlib.contextmanager
 def turn() -> Iterator[None]:
-    """The address of the simulator, for one test of all processes."""
-    with socket.socket(socket.AF_UNIX) as lock:
+    """The address of the simulator, for one test of all processes.
+
+    Where the kernel lets us (root), in a network of the test's own, for which nobody waits: this
+    thread's, and that of every thread and process begun by it.
+    """
+    with own_network(), socket.socket(socket.AF_UNIX) as lock:
         for _ in range(round(_TURN_S / 0.05)):
             try:
-                lock.bind("\0pdcd tests: virtual GenICam")  # of this name there is one
+                lock.bind("\0pdcd tests: virtual GenICam")  # of this name a network has one
                 break
             except OSError:
                 time.sleep(0.05)
         else:
             pytest.fail("another test has kept the address of the simulator")
         yield
+
+
+@contextlib.contextmanager
+def own_network() -> Iterator[bool]:
+    """A network with nothing but a loopback; False, and that of all, where there may be none."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    with Path("/proc/thread-self/ns/net").open() as before:
+        if libc.unshare(_CLONE_NEWNET):
+            yield False
+            return
+        try:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+                fcntl.ioctl(any_socket, _SIOCSIFFLAGS, struct.pack("16sh14x", b"lo", _IFF_UP))
+            yield True
+        finally:
+            assert not libc.setns(before.fileno(), _CLONE_NEWNET)
 
 
 class Sheets:
@@ -107,12 +129,12 @@ def hosted(
 def stock(*words: str) -> Iterator[None]:
     """Aravis' own program, with these arguments."""
     with turn():
-        program = subprocess.Popen([STOCK, "-i", VIRTUAL_ADDRESS, *words])
+        camera = subprocess.Popen([program("arv-fake-gv-camera"), "-i", VIRTUAL_ADDRESS, *words])
         try:
             yield
         finally:
-            program.kill()
-            program.wait()
+            camera.kill()
+            camera.wait()
 
 
 def client(clock: Clock, **options: object) -> GenicamCamera:

@@ -123,8 +123,17 @@ THINGS: Mapping[str, Thing] = {
     "DejaVu": Module(
         "the DejaVu fonts", "fonts-dejavu-core", "usr/share/fonts/truetype/dejavu/DejaVuSans.ttf"
     ),
-    # Cameras: the library that talks to USB, and the program that the drivers are compared with.
+    # Cameras: the libraries that talk to them, and the programs that the drivers are compared with.
     "libusb": Library("libusb", "libusb-1.0-0", "libusb-1.0.so.0"),
+    "libaravis": Library("Aravis", "libaravis-0.8-0", "libaravis-0.8.so.0"),
+    # Debian puts the version of its interface into the name.
+    "arv-fake-gv-camera": Tool(
+        "Aravis' camera simulator",
+        "aravis-tools",
+        ("arv-fake-gv-camera-0.8",),
+        ("--help",),
+        r"^Fake GigEVision camera\.",
+    ),
     "gphoto2": _versioned("gphoto2", "gphoto2", r"^gphoto2 +\d"),
     # The daemon as a service, and a shell that talks to it.
     "systemd-analyze": _systemd("systemd-analyze"),
