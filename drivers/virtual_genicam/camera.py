@@ -35,8 +35,13 @@ logger = logging.getLogger(__name__)
 
 _LOOK_S, _IDLE_S = 0.001, 0.02
 """How often registers are looked at, while frames may be wanted and while nobody wants any."""
+_QUIET = 300
+"""After so many looks at which there was nothing, somebody computes, and is left to it."""
 _SEND_S = 5.0
 _WARM_CC = 4150
+_HEARTBEAT_MS = 60_000
+"""For so long the client need not be heard. It is a thread of this very process, as the camera is,
+and on a machine that is busy it may come late."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +133,7 @@ class VirtualGenicamCamera:
     faults: CameraFaults = field(default_factory=CameraFaults)
     exposures: int = 0
     missed: int = 0
+    _begun: int = 0
     _line: bool = False
     _frame: bytes = b""
     _running: _Running | None = None
@@ -157,6 +163,7 @@ class VirtualGenicamCamera:
             (Register.SENDS_BY_TRIGGER, 1),
             (Register.SENDS_BY_COMMAND, 1),
             (Register.WAITS, 1),
+            (Register.HEARTBEAT_MS, _HEARTBEAT_MS),
         ):
             simulator.write(address, value)
         self._simulator, self._running = simulator, None
@@ -187,7 +194,7 @@ class VirtualGenicamCamera:
 
     def _run(self, simulator: HostedSimulator, ended: threading.Event) -> None:
         """Look at the registers until the camera is stopped."""
-        lost, before = 0.0, self._line
+        lost, before, quiet = 0.0, self._line, 0
         while not ended.is_set():
             if self.faults.lost != lost:
                 lost = self.faults.lost
@@ -195,14 +202,25 @@ class VirtualGenicamCamera:
             started = simulator.read(Register.ACQUISITION)
             wanted = started and simulator.read(Register.CONTROL)
             if not wanted or started == STARTED_ANEW:
-                self._running = None
+                self._give_up()
                 simulator.write(Register.WAITS, 1)
             if started == STARTED_ANEW:
                 simulator.write(Register.ACQUISITION, STARTED)
             line = self._line
+            begun = self._begun
             self._look(simulator, ended, rose=line and not before, fell=before and not line)
             before = line
-            ended.wait(_LOOK_S if wanted else _IDLE_S)
+            by_command = simulator.read(Register.TRIGGER_SOURCE) == TRIGGER_SOURCES["Software"]
+            idle = by_command and self._running is None and begun == self._begun
+            quiet = quiet + 1 if idle else 0
+            ended.wait(_LOOK_S if wanted and quiet < _QUIET else _IDLE_S)
+        self._give_up()
+
+    def _give_up(self) -> None:
+        """End an exposure of which no frame will come."""
+        running, self._running = self._running, None
+        if running is not None:
+            self.film.close(self.clock.now_ns())
 
     def _look(
         self, simulator: HostedSimulator, ended: threading.Event, *, rose: bool, fell: bool
@@ -246,6 +264,7 @@ class VirtualGenicamCamera:
         open_ns = self.film.open(now_ns, exposure_s)
         closes_ns = None if exposure_s is None else open_ns + round(exposure_s * 1e9)
         self._running = _Running(open_ns, closes_ns, now_ns)
+        self._begun += 1
         simulator.write(Register.WAITS, 0)
 
     def _end(

@@ -15,8 +15,8 @@ from ..genicam.pixels import PixelFormat
 
 
 class Register(IntEnum):
-    """Addresses: first the simulator's own, then ours. Units are in the names: us, hundredths of a
-    dB, of a DN, of a degree Celsius."""
+    """Addresses: first the simulator's own, then ours. Units are in the names: us, ms, hundredths
+    of a dB, of a DN, of a degree Celsius."""
 
     VENDOR = 0x48
     MODEL = 0x68
@@ -31,6 +31,7 @@ class Register(IntEnum):
     SENDS_BY_TRIGGER = 0x300
     SENDS_BY_COMMAND = 0x304
     SEND = 0x30C
+    HEARTBEAT_MS = 0x938
     CONTROL = 0xA00
     EXPOSURE_US = 0x8000
     EXPOSURE_MODE = 0x8004
