@@ -15,7 +15,7 @@ from typing import Any
 
 from .library import AravisLibrary, GError, load_library
 
-TIMEOUT, NOT_FOUND = 5, 6
+WRONG_FEATURE, TIMEOUT, NOT_FOUND = 0, 5, 6
 """Codes of the domain `DEVICE_DOMAIN`."""
 DEVICE_DOMAIN = "arv-device-error-quark"
 
@@ -52,6 +52,11 @@ class AravisError(Exception):
         """Whether the camera did not answer, rather than refuse."""
         return self.domain == DEVICE_DOMAIN and self.code in (TIMEOUT, NOT_FOUND)
 
+    @property
+    def other_kind(self) -> bool:
+        """Whether the feature is there, but is no number of that kind."""
+        return self.domain == DEVICE_DOMAIN and self.code == WRONG_FEATURE
+
 
 @dataclass(frozen=True)
 class FoundCamera:
@@ -67,7 +72,8 @@ class FoundCamera:
 
 @dataclass(frozen=True)
 class RawBuffer:
-    """One frame as it came. `status` 0 is a whole one; `timestamp_ns` is the camera's own clock."""
+    """One frame as it came. `status` 0 is a whole one; `timestamp_ns` is the camera's own clock;
+    with `chunks` there is more in `data` than the picture."""
 
     status: int
     frame_id: int
@@ -76,6 +82,7 @@ class RawBuffer:
     height: int
     pixel_format: int
     data: bytes
+    chunks: bool = False
 
 
 def list_cameras() -> list[FoundCamera]:
@@ -148,13 +155,23 @@ class AravisCamera:
         """Set an integer."""
         self._checked("arv_device_set_integer_feature_value", feature, value)
 
-    def get_float(self, feature: str) -> float:
-        """Value of a float."""
-        return float(self._checked("arv_device_get_float_feature_value", feature))
+    def get_number(self, feature: str) -> float:
+        """Value of a float, or of a whole number: older cameras have these."""
+        try:
+            return float(self._checked("arv_device_get_float_feature_value", feature))
+        except AravisError as err:
+            if not err.other_kind:
+                raise
+            return float(self.get_integer(feature))
 
-    def set_float(self, feature: str, value: float) -> None:
-        """Set a float."""
-        self._checked("arv_device_set_float_feature_value", feature, value)
+    def set_number(self, feature: str, value: float) -> None:
+        """Set a float, or the next whole number."""
+        try:
+            self._checked("arv_device_set_float_feature_value", feature, value)
+        except AravisError as err:
+            if not err.other_kind:
+                raise
+            self.set_integer(feature, round(value))
 
     def set_boolean(self, feature: str, value: bool) -> None:
         """Set a boolean."""
@@ -165,10 +182,27 @@ class AravisCamera:
         return bool(self._checked("arv_device_get_boolean_feature_value", feature))
 
     def bounds(self, feature: str) -> tuple[float, float]:
-        """Least and largest value of a float."""
+        """Least and largest value of a float, or of a whole number."""
         low, high = c_double(), c_double()
-        self._checked("arv_device_get_float_feature_bounds", feature, byref(low), byref(high))
+        try:
+            self._checked("arv_device_get_float_feature_bounds", feature, byref(low), byref(high))
+        except AravisError as err:
+            if not err.other_kind:
+                raise
+            return self.integer_bounds(feature)
         return low.value, high.value
+
+    def unit(self, feature: str) -> str | None:
+        """Unit of a float, "" where it has none; None for a feature that is no float."""
+        try:
+            self._checked("arv_device_get_float_feature_value", feature)
+        except AravisError as err:
+            if not err.other_kind:
+                raise
+            return None
+        node = self._arv.arv_device_get_feature(self._device, feature.encode())
+        found = self._arv.arv_gc_float_get_unit(node)
+        return found.decode(errors="replace") if found else ""
 
     def integer_bounds(self, feature: str) -> tuple[int, int]:
         """Least and largest value of an integer."""
@@ -275,6 +309,7 @@ class AravisCamera:
             height=arv.arv_buffer_get_image_height(buffer) if whole else 0,
             pixel_format=arv.arv_buffer_get_image_pixel_format(buffer) if whole else 0,
             data=ctypes.string_at(place, size.value) if place else b"",
+            chunks=whole and bool(arv.arv_buffer_has_chunks(buffer)),
         )
 
     def _set(self, instance: int, name: str, value: int) -> None:

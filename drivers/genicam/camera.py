@@ -273,10 +273,18 @@ class GenicamCamera:
                 raise came
             buffer = came or self._frames.wait(min(timeout_s, self.options.wait_s))
             self._owes_frame = False
-            samples = self._frames.unpack(buffer)
             device = self.device
+            levels, known = device.levels, device.levels.swapped
+            samples = self._frames.unpack(buffer)
+            if levels.swapped and not known:
+                self._black.clear()
+                raise PhotoError(
+                    "the bytes of samples come the wrong way round, which nothing showed before: "
+                    "black is another level than was measured",
+                    device=CAMERA_DEVICE,
+                    hint="take it again",
+                )
             record = device.record()
-        levels = device.levels
         return PhotoFrame(
             samples,
             black=self._black[settings.iso],

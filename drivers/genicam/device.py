@@ -6,6 +6,7 @@ switched off, as far as the camera has it.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,13 +19,15 @@ from .levels import SampleLevels
 from .options import ExposureName, GenicamOptions
 from .pixels import BY_NAME, PixelFormat, choose_pixel_format
 
+logger = logging.getLogger(__name__)
+
 CAMERA_DEVICE = "camera"
 _DOCTOR = "pdcd doctor camera says what was found"
 _PLUG = "check power and cable; pdcd doctor camera says what answers"
 _BUFFERS = 4
 _WORD_BITS = 16
 _BASE_ISO = 100
-_GAIN_TOLERANCE_DB = 0.05
+_GAIN_TOLERANCE_DB, _FACTOR_TOLERANCE = 0.05, 0.01
 
 _WORDS = (
     ("AcquisitionMode", "Continuous"),
@@ -34,7 +37,9 @@ _WORDS = (
     ("BalanceWhiteAuto", "Off"),
     ("TestPattern", "Off"),
     ("TestImageSelector", "Off"),
+    ("GainSelector", "AnalogAll"),
     ("GainSelector", "All"),
+    ("BlackLevelSelector", "All"),
     ("TriggerOverlap", "Off"),
 )
 _SWITCHES = (
@@ -51,7 +56,13 @@ _SWITCHES = (
     "ReverseY",
     "ChunkModeActive",
 )
-_ONES = ("Gamma",)
+_ONES = (
+    "Gamma",
+    "BinningHorizontal",
+    "BinningVertical",
+    "DecimationHorizontal",
+    "DecimationVertical",
+)
 _TIMES = ("ExposureTime", "ExposureTimeAbs")
 _GAINS = ("Gain", "GainAbs")
 _SELECTORS = ("FrameStart", "FrameBurstStart", "AcquisitionStart")
@@ -163,23 +174,21 @@ class GenicamDevice:
             for feature in _SWITCHES:
                 self._try(feature, partial(camera.set_boolean, feature, False))
             for feature in _ONES:
-                self._try(feature, partial(camera.set_float, feature, 1.0))
+                self._try(feature, partial(camera.set_number, feature, 1.0))
         self.pixel_format = self._choose_format()
         with report_errors("setting the region"):
             self.size = self._set_region()
         with report_errors("its exposure and gain"):
             self._set_start("timed")
             self._time = self._needed(_TIMES, "an exposure time")
-            self.longest_s = 1e-6 * camera.bounds(self._time)[1]
-            self.shortest_s = 1e-6 * camera.bounds(self._time)[0]
+            self._bounds_us = camera.bounds(self._time)
+            self.shortest_s, self.longest_s = (1e-6 * bound for bound in self._bounds_us)
             self._gain, self._gains = self._find_gains()
             if options.black_level is not None:
-                camera.set_float("BlackLevel", options.black_level)
-            self._tells_waiting = camera.has("AcquisitionStatus")
-            if self._tells_waiting and camera.has("AcquisitionStatusSelector"):
-                camera.set_text("AcquisitionStatusSelector", "FrameTriggerWait")
+                camera.set_number("BlackLevel", options.black_level)
+            self._tells_waiting = self._find_waiting()
             self._set_start(options.exposure)
-        self.levels = SampleLevels(self.pixel_format, self._find_white())
+        self.levels = SampleLevels(self.pixel_format, options.white_dn, told=self._find_white())
         with report_errors("its stream"):
             self.on_network = camera.on_network
             self.packet_bytes = 0
@@ -192,7 +201,8 @@ class GenicamDevice:
     @property
     def white_known(self) -> bool:
         """Whether the white level is known before a saturated photo shows it."""
-        return self.levels.white is not None or self.pixel_format.bits < _WORD_BITS
+        levels = self.levels
+        return not (levels.white is levels.told is None) or self.pixel_format.bits < _WORD_BITS
 
     def set_gain(self, iso: int) -> None:
         """Set the gain of an ISO number. Raises ConfigError with those that there are."""
@@ -204,7 +214,7 @@ class GenicamDevice:
             )
         if self._gain is not None:
             with report_errors(f"ISO {iso}"):
-                self._camera.set_float(self._gain, self._gains[iso])
+                self._camera.set_number(self._gain, self._gains[iso])
 
     def set_exposure(self, exposure_s: float) -> float:
         """Set how long it exposes; returns what the camera made of it, s.
@@ -217,8 +227,10 @@ class GenicamDevice:
                 hint="show fewer codes in an exposure, or set camera.options.exposure = 'width'",
             )
         with report_errors(f"an exposure of {exposure_s:.3g} s"):
-            self._camera.set_float(self._time, 1e6 * max(exposure_s, self.shortest_s))
-            return 1e-6 * self._camera.get_float(self._time)
+            # In its own unit: a microsecond to seconds and back may be a little less than before.
+            low_us, high_us = self._bounds_us
+            self._camera.set_number(self._time, min(max(1e6 * exposure_s, low_us), high_us))
+            return 1e-6 * self._camera.get_number(self._time)
 
     def set_start(self, exposure: ExposureName) -> None:
         """Have exposures begin and end another way; acquisition is started anew."""
@@ -251,10 +263,15 @@ class GenicamDevice:
         """What the camera says of itself at a photo, in its own words. Proves that it answers."""
         found = {"PixelFormat": self.pixel_format.name, **self.levels.words}
         with report_errors("its record"):
-            found[self._time] = f"{self._camera.get_float(self._time):g}"
-            for feature in (self._gain, "BlackLevel", "DeviceTemperature"):
-                if feature is not None and self._camera.has(feature):
-                    found[feature] = f"{self._camera.get_float(feature):g}"
+            for feature in (self._time, self._gain, "BlackLevel", "DeviceTemperature"):
+                if feature is None or not self._camera.has(feature):
+                    continue
+                try:
+                    found[feature] = f"{self._camera.get_number(feature):g}"
+                except AravisError as err:
+                    if err.lost:
+                        raise
+                    logger.info("not told feature=%s error=%s", feature, err)
         return found
 
     def statistics(self) -> tuple[int, int, int]:
@@ -287,7 +304,7 @@ class GenicamDevice:
             self.unset.append(f"{feature}: {err}")
 
     def _set_word(self, feature: str, word: str) -> None:
-        if word in self._camera.choices(feature):
+        if self._camera.get_text(feature) != word and word in self._camera.choices(feature):
             self._camera.set_text(feature, word)
 
     def _choose_format(self) -> PixelFormat:
@@ -342,8 +359,7 @@ class GenicamDevice:
             selectors = camera.choices("TriggerSelector")
             for other in selectors:
                 camera.set_text("TriggerSelector", other)
-                if camera.has("TriggerMode"):
-                    camera.set_text("TriggerMode", "Off")
+                self._try("TriggerMode", partial(self._set_word, "TriggerMode", "Off"))
             chosen = next((name for name in _SELECTORS if name in selectors), None)
             if chosen is not None:
                 camera.set_text("TriggerSelector", chosen)
@@ -353,18 +369,36 @@ class GenicamDevice:
             camera.set_text("TriggerActivation", edge)
         camera.set_text("TriggerMode", "On")
 
-    def _find_gains(self) -> tuple[str | None, dict[int, float]]:
-        """The feature that sets the gain in dB, and the dB of each ISO number.
+    def _find_waiting(self) -> bool:
+        """Whether it tells that it waits for a trigger of a frame."""
+        camera, selector = self._camera, "AcquisitionStatusSelector"
+        if not camera.has("AcquisitionStatus"):
+            return False
+        if not camera.has(selector):
+            return True
+        if "FrameTriggerWait" not in camera.choices(selector):
+            return False
+        camera.set_text(selector, "FrameTriggerWait")
+        return True
 
-        A camera that tells its gain in steps of its own stands at the least one.
+    def _find_gains(self) -> tuple[str | None, dict[int, float]]:
+        """The feature that sets the gain, and its value for each ISO number: in dB, or as a factor
+        where it says no unit and 1 is the least.
+
+        A camera that tells its gain in steps of its own, which are whole numbers, stands at the
+        least one.
         """
         camera = self._camera
-        gain = next((name for name in _GAINS if camera.has(name)), None)
-        if gain is None:
-            if camera.has("GainRaw"):
-                camera.set_integer("GainRaw", camera.integer_bounds("GainRaw")[0])
+        gain = next((name for name in (*_GAINS, "GainRaw") if camera.has(name)), None)
+        unit = None if gain is None else camera.unit(gain)
+        if gain is None or unit is None:
+            if gain is not None:
+                camera.set_integer(gain, camera.integer_bounds(gain)[0])
             return None, {_BASE_ISO: 0.0}
         low, high = camera.bounds(gain)
+        if low >= 1.0 and "db" not in unit.lower():
+            doublings = range(math.floor(math.log2(high / low) + _FACTOR_TOLERANCE) + 1)
+            return gain, {_BASE_ISO * 2**step: min(low * 2.0**step, high) for step in doublings}
         doubling = 20.0 * math.log10(2.0)
         first = math.ceil((low - _GAIN_TOLERANCE_DB) / doubling)
         last = math.floor((high + _GAIN_TOLERANCE_DB) / doubling)
@@ -375,9 +409,9 @@ class GenicamDevice:
         return gain, found or {_BASE_ISO: min(max(0.0, low), high)}
 
     def _find_white(self) -> int | None:
-        """White level as the user or the camera says; None where nobody does."""
-        if self.options.white_dn is not None or not self._camera.has("PixelDynamicRangeMax"):
-            return self.options.white_dn
+        """White level as the camera says; None where it does not."""
+        if not self._camera.has("PixelDynamicRangeMax"):
+            return None
         with report_errors("its white level"):
             told = self._camera.get_integer("PixelDynamicRangeMax")
         return told if 0 < told < 2**self.pixel_format.bits else None

@@ -88,15 +88,23 @@ class FrameReceiver:
 
     def unpack(self, buffer: RawBuffer) -> Samples:
         """Samples of a frame, whole quads of a mosaic."""
-        device = self._device
+        device, (width, height) = self._device, self._device.size
         found = BY_CODE.get(buffer.pixel_format)
-        if found is not device.pixel_format or (buffer.width, buffer.height) != device.size:
+        if found is not device.pixel_format or (buffer.width, buffer.height) != (width, height):
             raise ExposureError(
                 f"a frame of {buffer.width} x {buffer.height} pixels, format "
                 f"{buffer.pixel_format:#x}, where {device.size} of {device.pixel_format.name} "
                 "were set",
                 device=CAMERA_DEVICE,
                 hint="see that no other program sets the camera",
+            )
+        over = len(buffer.data) - found.count_bytes(width * height)
+        if over >= height and not buffer.chunks:
+            raise ExposureError(
+                f"a frame of {width} x {height} pixels has {over} bytes too many, which may lie "
+                "between its lines",
+                device=CAMERA_DEVICE,
+                hint="set camera.options.region to a width that is a multiple of 16",
             )
         try:
             samples = unpack_samples(buffer.data, found, buffer.height, buffer.width)

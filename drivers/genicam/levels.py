@@ -31,27 +31,31 @@ _LEAST_ROUGHNESS = 0.05
 class SampleLevels:
     """Reads samples of one format as the camera turned out to mean them.
 
-    white : DN that somebody told, the camera's own node map or the user; None: as seen.
+    white : DN that the user told, or that was seen; None where neither was.
+    told : DN that the camera's own node map says, until a sample above it proves it wrong; else
+    None.
     swapped : whether bytes come the wrong way round; None until it showed.
     zeros : lowest bits that were never set; None until a picture was seen.
     """
 
     pixel_format: PixelFormat
     white: int | None = None
+    told: int | None = None
     swapped: bool | None = None
     zeros: int | None = None
     _seen: int = field(default=0, repr=False)
 
     def read(self, samples: Samples) -> Samples:
         """The samples with their bytes the right way round; learns what they show."""
-        if self.pixel_format.layout != "words":
-            return samples
-        if self.swapped is None:
-            self.swapped = find_byte_order(samples, self.pixel_format.bits)
-        if self.swapped:
-            samples = samples.byteswap()
-        if self.pixel_format.bits == _WORD_BITS:
-            self._learn(samples)
+        if self.pixel_format.layout == "words":
+            if self.swapped is None:
+                self.swapped = find_byte_order(samples, self.pixel_format.bits)
+            if self.swapped:
+                samples = samples.byteswap()
+            if self.pixel_format.bits == _WORD_BITS:
+                self._learn(samples)
+        if self.told is not None and int(samples.max()) > self.told:
+            self.told = None
         return samples
 
     def _learn(self, samples: Samples) -> None:
@@ -59,7 +63,7 @@ class SampleLevels:
         if used:
             trailing = (used & -used).bit_length() - 1
             self.zeros = trailing if self.zeros is None else min(self.zeros, trailing)
-        if self.white is None and not self.zeros:
+        if self.white is self.told is None and not self.zeros:
             highest = int(samples.max())
             # A converter's last value, and nothing above it: a frame with saturated samples.
             if highest in (2**bits - 1 for bits in _CONVERTERS) and highest >= self._seen:
@@ -70,8 +74,9 @@ class SampleLevels:
     @property
     def white_dn(self) -> int:
         """DN from which a sample is saturated, as far as is known."""
-        if self.white is not None:
-            return self.white
+        for known in (self.white, self.told):
+            if known is not None:
+                return known
         bits = self.pixel_format.bits
         if bits == _WORD_BITS and self.zeros:
             return (1 << _WORD_BITS) - (1 << self.zeros)
