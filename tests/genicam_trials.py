@@ -1,0 +1,206 @@
+"""Captures with a camera on GigE Vision that loses packets, or dies at a drawn moment.
+
+``python -m tests.genicam_trials [--kills 50] [--captures 20] [--seed N]`` prints what became of
+them. Whatever happens, no photo may be another than the mock camera's, a job that does not end well
+says why, and after it panels are black and no light falls on the sensor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import secrets
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.genicam.camera import GenicamCamera
+from drivers.virtual_genicam.bench import HostedCamera
+from drivers.virtual_genicam.camera import VirtualGenicamCamera
+from pdcd.bench.tables import CameraConfig, TriggerConfig
+from pdcd.capture.engine import Engine
+from pdcd.driver import DeviceLost
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
+from pdcd.sensor.raw import read_raw
+from tests import bench_rig
+from tests.genicam_rig import turn
+
+REQUEST = CaptureRequest(goal="indirect", codes=16)
+LOSSES = (0.001, 0.01, 0.05)
+WAIT_S = 1.0
+"""How long a frame that never comes is waited for."""
+_AWAY_S = 0.5
+"""A camera that comes back does so within that."""
+
+
+def make_engine(folder: Path, driver: str, **options: Any) -> Engine:
+    """A small bench with that camera, started."""
+    folder.mkdir(parents=True, exist_ok=True)
+    camera = CameraConfig(driver=driver, noise="none", f_number=8.0, options=options)
+    trigger = TriggerConfig(driver=driver, lag_s=0.001, jitter_s=0.0)
+    engine = Engine(bench_rig.config(folder, camera=camera, trigger=trigger))
+    engine.start()
+    return engine
+
+
+def find_virtual(engine: Engine) -> VirtualGenicamCamera:
+    """The camera that is not there, of an engine that has it; no frame is waited for long."""
+    camera = GenicamCamera.of(engine._rig._context)
+    assert isinstance(camera, HostedCamera)
+    camera.options = msgspec.structs.replace(camera.options, wait_s=WAIT_S)
+    return camera.virtual
+
+
+def read_photos(result: CaptureResult) -> dict[str, NDArray[np.uint16]]:
+    """Samples of all photos that a job has left, however it ended."""
+    if result.folder is None:
+        return {}
+    raw = Path(result.folder) / "raw"
+    return {path.name: read_raw(path).samples for path in sorted(raw.glob("*.dng"))}
+
+
+def _refuse() -> None:
+    raise DeviceLost("the camera has no power", device="camera", hint="switch it on")
+
+
+@dataclass
+class Trials:
+    """One engine that goes through them, and what became of each.
+
+    ended : of every kind of trial, how often a job ended in what way: "right", or its error's kind.
+    longest_s : of every kind, from the fault to the end of the job.
+    """
+
+    folder: Path
+    seed: int
+    ended: dict[str, Counter[str]] = field(default_factory=dict)
+    longest_s: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng(self.seed)
+        mock = make_engine(self.folder / "mock", "mock")
+        self._expected = read_photos(bench_rig.capture(mock, REQUEST))
+        mock.stop()
+        assert {"white.dng", "coded.dng"} <= set(self._expected)
+        self._engine = make_engine(self.folder / "camera", "virtual-genicam")
+        self._virtual = find_virtual(self._engine)
+        self._jobs = 0
+        for _ in range(2):  # the first one loads much
+            begun_s = time.monotonic()
+            assert self._take("undisturbed") == "right", self.ended
+            self._whole_s = time.monotonic() - begun_s
+
+    def close(self) -> None:
+        """End the engine."""
+        self._engine.stop()
+
+    def lose(self, share: float, captures: int) -> None:
+        """So many captures, of whose packets that share is lost."""
+        self._virtual.faults.lost = share
+        for _ in range(captures):
+            self._take(f"{1000.0 * share:g} in 1000 lost")
+        self._virtual.faults.lost = 0.0
+        self._take("after losses")
+
+    def kill(self, times: int) -> None:
+        """So many captures in which the camera dies, and in half of them comes back by itself, each
+        before one in which it does not. A death after the last frame is noticed by the next job."""
+        for number in range(times):
+            comes_back = number % 2 == 1
+            back_s = float(self._rng.uniform(0.0, _AWAY_S)) if comes_back else None
+            after_s = float(self._rng.uniform(0.0, self._whole_s))
+            timer = threading.Timer(after_s, self._die, (back_s,))
+            timer.start()
+            noticed = self._take("dies and comes back" if comes_back else "dies") != "right"
+            timer.join()
+            with contextlib.suppress(AttributeError):
+                del self._virtual.start  # type: ignore[method-assign]
+            if self._take("after a death") != "right":
+                assert not noticed, self.ended
+                assert self._take("after a death that was noticed late") == "right", self.ended
+
+    def _die(self, back_s: float | None) -> None:
+        self._fault_s = time.monotonic()
+        if back_s is None:
+            self._virtual.start = _refuse  # type: ignore[method-assign]
+            self._virtual.stop()
+            return
+        self._virtual.stop()
+        time.sleep(back_s)
+        with contextlib.suppress(DeviceLost):  # where the job has started it already
+            self._virtual.start()
+
+    def _take(self, kind: str) -> str:
+        """One capture, judged: how it ended."""
+        self._jobs += 1
+        self._fault_s = time.monotonic()
+        result = bench_rig.capture(self._engine, REQUEST, f"job-{self._jobs}")
+        ended_s = time.monotonic()
+        where = f"{kind}, seed {self.seed}, job {self._jobs}"
+        for name, samples in read_photos(result).items():
+            assert np.array_equal(samples, self._expected[name]), f"{where}: {name} is wrong"
+        if result.state == "done":
+            assert set(read_photos(result)) == set(self._expected), where
+        else:
+            assert result.error is not None and result.error["hint"], (where, result)
+        bench = bench_rig.bench_of(self._engine)
+        for _ in range(1000):  # the camera's thread may yet be at it
+            if not bench.shutter_open:
+                break
+            time.sleep(0.01)
+        assert bench.panels_black and not bench.shutter_open, where
+        how = "right" if result.error is None else str(result.error["kind"])
+        self.ended.setdefault(kind, Counter())[how] += 1
+        took_s = max(0.0, ended_s - self._fault_s)
+        self.longest_s[kind] = max(self.longest_s.get(kind, 0.0), took_s)
+        return how
+
+    def describe(self) -> list[str]:
+        """A line for each kind."""
+        return [
+            f"{kind}: {', '.join(f'{count} {how}' for how, count in sorted(ended.items()))}; "
+            f"over {self.longest_s[kind]:.1f} s after it began at the latest"
+            for kind, ended in self.ended.items()
+        ]
+
+
+def run_trials(folder: Path, *, kills: int, captures: int, seed: int) -> Trials:
+    """All trials, in a network of their own where that may be."""
+    with turn():
+        trials = Trials(folder, seed)
+        try:
+            for share in LOSSES:
+                trials.lose(share, captures)
+            trials.kill(kills)
+        finally:
+            trials.close()
+    return trials
+
+
+def main() -> None:
+    """Run them, and print what became of them."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--captures", type=int, default=20, help="at each share of lost packets")
+    parser.add_argument("--seed", type=int, default=secrets.randbelow(2**31))
+    words = parser.parse_args()
+    sys.stdout.write(f"seed {words.seed}\n")
+    with tempfile.TemporaryDirectory() as folder:
+        trials = run_trials(
+            Path(folder), kills=words.kills, captures=words.captures, seed=words.seed
+        )
+    sys.stdout.write("\n".join(trials.describe()) + "\n")
+
+
+if __name__ == "__main__":
+    main()
