@@ -105,6 +105,9 @@ class GenicamCamera:
         self._owes_frame = False
         """Whether a frame of an exposure that was given up may yet come."""
         self._black: dict[int, int | Sequence[int]] = {}
+        self._primed = False
+        """Whether a frame came since the camera was opened. Of a network the library makes room for
+        frames when the first one comes, which is too late for that one where it is large."""
         self._let_go: Callable[[], object] = lambda: None
 
     @classmethod
@@ -142,6 +145,7 @@ class GenicamCamera:
             self._let_go = weakref.finalize(self, self._device.close)
             self._exposure = self._time = None
             self._frames = FrameReceiver(self._device, self._patience)
+            self._primed = False
         self._users.add(user)
         return self._device
 
@@ -166,7 +170,7 @@ class GenicamCamera:
                 self._frames.forget(_STRAY_S)
             self._exposure, self._owes_frame = None, False
             device.set_gain(settings.iso)
-            if settings.iso not in self._black:
+            if settings.iso not in self._black or not self._primed:
                 self._black[settings.iso] = self._find_black()
             self._plan(settings.exposure_s)
             self._frames.forget()
@@ -315,18 +319,26 @@ class GenicamCamera:
         return self._time
 
     def _find_black(self) -> int | Sequence[int]:
-        """Level without light at the gain that is set: told, or seen in the shortest exposure."""
-        if self.options.black_dn is not None:
-            return self.options.black_dn
+        """Level without light at the gain that is set: told, or seen in the shortest exposure.
+
+        Of a camera that was just opened that exposure is made in any case, as the first frame."""
+        told = self.options.black_dn
+        if told is not None and self._primed:
+            return told
         device = self.device
         by_line = self.options.exposure != "timed"
         if by_line:
             device.set_start("timed")
         try:
-            return self._see_black(device)
+            seen = self._see_black(device)
+        except PhotoError:
+            if told is None:
+                raise
         finally:
             if by_line:
                 device.set_start(self.options.exposure)
+        self._primed = True
+        return seen if told is None else told
 
     def _see_black(self, device: GenicamDevice) -> int | Sequence[int]:
         """What the shortest exposure shows, of which a frame that is lost is taken again."""
