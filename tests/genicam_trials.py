@@ -61,7 +61,7 @@ def find_virtual(engine: Engine) -> VirtualGenicamCamera:
     return camera.virtual
 
 
-def read_photos(result: CaptureResult) -> dict[str, NDArray[np.uint16]]:
+def read_photos(result: CaptureResult) -> dict[str, NDArray[Any]]:
     """Samples of all photos that a job has left, however it ended."""
     if result.folder is None:
         return {}
@@ -124,7 +124,7 @@ class Trials:
             noticed = self._take("dies and comes back" if comes_back else "dies") != "right"
             timer.join()
             with contextlib.suppress(AttributeError):
-                del self._virtual.start  # type: ignore[method-assign]
+                del self._virtual.start
             if self._take("after a death") != "right":
                 assert not noticed, self.ended
                 assert self._take("after a death that was noticed late") == "right", self.ended

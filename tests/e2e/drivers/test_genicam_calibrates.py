@@ -92,7 +92,7 @@ def made(config: Config, driver: str, pixel_format: str = "BayerRG16") -> Config
     )
 
 
-def sort_greens(samples: NDArray[np.uint16]) -> NDArray[np.uint16]:
+def sort_greens(samples: NDArray[Any]) -> NDArray[Any]:
     """Planes R, G, G, B; which green comes first depends on the row that red is in."""
     return np.stack([samples[0], *np.sort(samples[1:3], axis=0), samples[3]])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from tests.genicam_trials import (
 pytestmark = needs_aravis
 
 
-def photograph_by_mock(folder: Path) -> dict[str, NDArray[np.uint16]]:
+def photograph_by_mock(folder: Path) -> dict[str, NDArray[Any]]:
     engine = make_engine(folder / "mock", "mock")
     try:
         return read_photos(bench_rig.capture(engine, REQUEST))

@@ -54,11 +54,11 @@ def rename(root: Element, name: str, other: str) -> None:
             inside.text = other
 
 
-def make_whole(root: Element, name: str, low: int, high: int, register: str | None = None) -> None:
+def make_whole(root: Element, name: str, low: int, high: int) -> None:
     """A float becomes a whole number, as its register has it."""
     found = node(root, name)
     found.tag = f"{{{SCHEMA}}}Integer"
-    part(found, "pValue").text = register or f"{name}Register"
+    part(found, "pValue").text = f"{name}Register"
     part(found, "Min").text, part(found, "Max").text = str(low), str(high)
 
 
@@ -86,6 +86,16 @@ def old_names(root: Element) -> None:
     drop(root, "BlackLevel", "AcquisitionStatus", "AcquisitionStatusSelector", "DeviceTemperature")
 
 
+def whole_numbers(root: Element) -> None:
+    make_whole(root, "ExposureTime", 19, 10_000_000)
+    make_whole(root, "BlackLevel", 0, 255)
+
+
+def locked(root: Element) -> None:
+    lock(root, "GainAuto")
+    lock(root, "ExposureAuto")
+
+
 def gain_as_factor(root: Element) -> None:
     part(node(root, "Gain"), "Min").text, part(node(root, "Gain"), "Max").text = "1.0", "8.0"
 
@@ -107,7 +117,7 @@ def changed(
     def write(description: CameraDescription) -> bytes:
         root = fromstring(write_description(description))
         change(root)
-        return tostring(root, xml_declaration=True, encoding="UTF-8")
+        return b"<?xml version='1.0'?>" + tostring(root)
 
     monkeypatch.setattr(virtual_camera, "write_description", write)
     with hosted(name, film=film, clock=clock, white=4095) as virtual:
@@ -143,16 +153,13 @@ STRANGERS = {
         lambda root: drop(root, "Gain"), (100,), (0,), record={"ExposureTime", "BlackLevel"}
     ),
     "times and black in whole numbers": Stranger(
-        lambda root: (
-            make_whole(root, "ExposureTime", 19, 10_000_000, "ExposureTimeRegister"),
-            make_whole(root, "BlackLevel", 0, 255),
-        )
+        whole_numbers
     ),
     "a shortest exposure that is no round number of seconds": Stranger(
         lambda root: setattr(part(node(root, "ExposureTime"), "Min"), "text", "19.0")
     ),
     "automatics that may not be written, and are off": Stranger(
-        lambda root: (lock(root, "GainAuto"), lock(root, "ExposureAuto"))
+        locked
     ),
     "another trigger's name": Stranger(
         lambda root: say_selected(root, "TriggerSelector", "AcquisitionStart")
