@@ -18,11 +18,13 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.genicam.aravis import AravisCamera
 from drivers.genicam.camera import GenicamCamera
 from drivers.virtual_genicam.bench import HostedCamera
 from drivers.virtual_genicam.camera import VirtualGenicamCamera
@@ -88,21 +90,28 @@ class Trials:
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
-        mock = make_engine(self.folder / "mock", "mock")
-        self._expected = read_photos(bench_rig.capture(mock, REQUEST))
-        mock.stop()
+        plain = make_engine(self.folder / "mock", "mock")
+        self._expected = read_photos(bench_rig.capture(plain, REQUEST))
+        plain.stop()
         assert {"white.dng", "coded.dng"} <= set(self._expected)
         self._engine = make_engine(self.folder / "camera", "virtual-genicam")
         self._virtual = find_virtual(self._engine)
-        self._jobs = 0
-        for _ in range(2):  # the first one loads much
-            begun_s = time.monotonic()
+        self._jobs = self._called = 0
+        self._due: int | None = None
+        self._back_s: float | None = None
+        self._back: threading.Timer | None = None
+        self._watch = contextlib.ExitStack()
+        for name in ("_checked", "pop"):
+            self._watch.enter_context(self._watched(name))
+        for _ in range(2):  # the first one opens it
+            called = self._called
             assert self._take("undisturbed") == "right", self.ended
-            self._whole_s = time.monotonic() - begun_s
+        self._calls = self._called - called
 
     def close(self) -> None:
         """End the engine."""
         self._engine.stop()
+        self._watch.close()
 
     def lose(self, share: float, captures: int) -> None:
         """So many captures, of whose packets that share is lost."""
@@ -113,30 +122,45 @@ class Trials:
         self._take("after losses")
 
     def kill(self, times: int) -> None:
-        """So many captures in which the camera dies, and in half of them comes back by itself, each
-        before one in which it does not. A death after the last frame is noticed by the next job."""
+        """So many captures in which the camera dies before a drawn one of the calls to it, and in
+        half of them comes back by itself; each before one in which it does not. A death after the
+        last frame is noticed by the next job."""
         for number in range(times):
-            comes_back = number % 2 == 1
-            back_s = float(self._rng.uniform(0.0, _AWAY_S)) if comes_back else None
-            after_s = float(self._rng.uniform(0.0, self._whole_s))
-            timer = threading.Timer(after_s, self._die, (back_s,))
-            timer.start()
-            noticed = self._take("dies and comes back" if comes_back else "dies") != "right"
-            timer.join()
+            kind = "dies and comes back" if number % 2 else "dies"
+            self._back_s = float(self._rng.uniform(0.0, _AWAY_S)) if number % 2 else None
+            self._due = self._called + int(self._rng.integers(self._calls))
+            noticed = self._take(kind) != "right"
+            self._due = None
+            if self._back is not None:
+                self._back.join()
             with contextlib.suppress(AttributeError):
                 del self._virtual.start
             if self._take("after a death") != "right":
                 assert not noticed, self.ended
                 assert self._take("after a death that was noticed late") == "right", self.ended
 
-    def _die(self, back_s: float | None) -> None:
+    def _watched(self, name: str) -> contextlib.AbstractContextManager[object]:
+        """Count the calls to the camera by that method, before one of which it dies."""
+        original = getattr(AravisCamera, name)
+
+        def call(camera: AravisCamera, *words: Any, **named: Any) -> Any:
+            self._called += 1
+            if self._called == self._due:
+                self._die()
+            return original(camera, *words, **named)
+
+        return mock.patch.object(AravisCamera, name, call)
+
+    def _die(self) -> None:
         self._fault_s = time.monotonic()
-        if back_s is None:
-            self._virtual.start = _refuse  # type: ignore[method-assign]
-            self._virtual.stop()
-            return
         self._virtual.stop()
-        time.sleep(back_s)
+        if self._back_s is None:
+            self._virtual.start = _refuse  # type: ignore[method-assign]
+            return
+        self._back = threading.Timer(self._back_s, self._come_back)
+        self._back.start()
+
+    def _come_back(self) -> None:
         with contextlib.suppress(DeviceLost):  # where the job has started it already
             self._virtual.start()
 
