@@ -94,6 +94,8 @@ class PhotoRecord(msgspec.Struct, frozen=True, kw_only=True):
     verified: bool
     planned_s: float | None = None
     """How long the shutter was to be open; None where nobody planned it."""
+    level: Annotated[float, Meta(gt=0.0)] = 1.0
+    """Light over what was planned, where refreshes came late and the photo was kept."""
 
 
 class StepRecord(msgspec.Struct, frozen=True, kw_only=True):

@@ -21,6 +21,7 @@ from pdcd.sensor.raw import RawFrame, compute_rgb_variance, to_rgb
 _Marks = NDArray[np.bool_]
 
 BLOCK_QUADS = 16
+SMALL_FRAME_HINT = "set the camera to full-size RAW; of a mock bench, set camera.frame_quads"
 """Side of the blocks that large pictures are worked on in."""
 _CLIPPED_SHARE = 1e-3
 """Share of saturated quads from which a photo is over-exposed; hot pixels stay below it."""
@@ -109,18 +110,25 @@ def shrink_marks(marks: _Marks) -> _Marks:
     return np.asarray(cv2.erode(marks.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
 
 
+def check_blocks_in_frame(frame: tuple[int, ...], side: int = BLOCK_QUADS) -> tuple[int, int]:
+    """Rows and columns of whole blocks of a photo (rows, columns of quads). Raises CalibrationError
+    where there is not one."""
+    rows, cols = frame[0] // side, frame[1] // side
+    if not rows or not cols:
+        raise CalibrationError(
+            f"a photo of {frame[1]} x {frame[0]} quads is too small",
+            device="camera",
+            hint=f"at least {side} x {side} quads are needed: {SMALL_FRAME_HINT}",
+        )
+    return rows, cols
+
+
 def average_blocks(values: Floats, side: int = BLOCK_QUADS) -> Floats:
     """(h, w, ...) -> (h // side, w // side, ...): means of blocks; a rest at the edges is left out.
 
     Raises CalibrationError where there is not one block.
     """
-    rows, cols = values.shape[0] // side, values.shape[1] // side
-    if not rows or not cols:
-        raise CalibrationError(
-            f"a photo of {values.shape[1]} x {values.shape[0]} quads is too small",
-            device="camera",
-            hint=f"at least {side} x {side} quads are needed",
-        )
+    rows, cols = check_blocks_in_frame(values.shape[:2], side)
     cut = values[: rows * side, : cols * side]
     return np.asarray(
         cut.reshape(rows, side, cols, side, *values.shape[2:]).mean(axis=(1, 3)), np.float64

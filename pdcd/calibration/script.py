@@ -9,7 +9,7 @@ again from its photos.
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from numpy.typing import NDArray
@@ -41,13 +41,15 @@ calibrated when its first look was taken."""
 class PhotoRequest:
     """One photo. iso, f_number : None is the session's own. covered : with the projector's lens
     covered, which somebody was asked for before; a mock bench does it by itself. moving : for a
-    shutter that moves while the panels show it; usually it moves before and after that."""
+    shutter that moves while the panels show it; usually it moves before and after that. counted :
+    its refreshes are a measure, and none may be late, whatever rig.on_miss says."""
 
     shown: PanelSequence
     iso: int | None = None
     f_number: float | None = None
     covered: bool = False
     moving: ShutterTiming | None = None
+    counted: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,8 @@ class CalibrationPhoto:
 
     raw : decoded samples. log : when the panels showed what. open_ns, close_ns : when the shutter
         was surely open, and surely closed: `TriggerConfig.sure_ns` of the configuration after it
-        was told so. iso : as asked for.
+        was told so. iso : as asked for. level : light over what was planned, of refreshes that came
+        late (`PhotoRecord.level`).
     """
 
     name: str
@@ -78,6 +81,7 @@ class CalibrationPhoto:
     open_ns: int
     close_ns: int
     iso: int
+    level: float = 1.0
 
     @property
     def open_s(self) -> float:
@@ -183,8 +187,12 @@ class CalibrationSession:
         return self.config.projector.size_px, self.config.mask.size_px
 
     def photo(self, taken: CalibrationPhoto) -> QuadPhoto:
-        """A photo as its quads, in DN."""
-        return make_quad_photo(taken.raw, self.profile, taken.iso)
+        """A photo as its quads, in DN of the light that was planned."""
+        photo = make_quad_photo(taken.raw, self.profile, taken.iso)
+        if taken.level == 1.0:
+            return photo
+        level = taken.level
+        return replace(photo, light=photo.light / level, variance=photo.variance / level**2)
 
     def found(self, device: str) -> Map:
         """The map of a device to the field, out of a calibration.

@@ -70,6 +70,19 @@ def start_step_script(name: str, session: CalibrationSession) -> StepScript:
     return run(session)
 
 
+def check_frame_size(
+    names: Collection[str], session: CalibrationSession, frame: tuple[int, int]
+) -> None:
+    """Raise CalibrationError where photos of so many rows and columns of quads are too small for
+    one of these steps: before they are taken."""
+    from pdcd.calibration.geometry.geometry_step import check_dots_in_frame
+    from pdcd.calibration.photo import check_blocks_in_frame
+
+    check_blocks_in_frame(frame)
+    if "geometry" in names:
+        check_dots_in_frame(session, frame)
+
+
 def explain_unused_step(step: str, left_out: Collection[str]) -> str:
     """Why the values of a good step are not used, when those of others are not; "" where they are.
 

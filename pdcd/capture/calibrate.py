@@ -25,6 +25,7 @@ from pdcd.capture.worker.calibrating import CalibrationStart, NextPhoto, Operato
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, DeviceLost, PhotoError, SyncError
+from pdcd.panels.balance import measure_still_level
 from pdcd.protocol import events
 from pdcd.protocol.events import Emit, Event, to_log_entry
 from pdcd.protocol.request import CalibrateRequest
@@ -84,7 +85,7 @@ class CalibrationRun:
         self.keeper = self._keeper(camera, before, over)
         step = METER
         try:
-            self._begin(camera, before)
+            self._begin(camera, before, names)
             for number, step in enumerate((METER, *names)):
                 self._step(step, number, len(names), note if not number else "")
             self._notify(events.PicturesArchived(job=self.job))
@@ -111,12 +112,16 @@ class CalibrationRun:
             self.job, self.request, before, over, write,
         )  # fmt: skip
 
-    def _begin(self, camera: CameraInfo, before: PreviousCalibration | None) -> None:
+    def _begin(
+        self, camera: CameraInfo, before: PreviousCalibration | None, steps: tuple[str, ...]
+    ) -> None:
         """Tell the worker what is known, and have somebody put up what is to be seen."""
         helped = self.request.attended or self.rig.mock
         subject, marks = self.request.subject, self.request.marks
         folder = None if before is None else before.folder
-        begin = CalibrationStart(self.config, self.profile, camera, folder, helped, subject, marks)
+        begin = CalibrationStart(
+            self.config, self.profile, camera, folder, helped, subject, marks, steps
+        )
         self.worker.do(self._watch(), Worker.calibrate, begin, self.folder.path)
         if self.request.attended:
             self._ask(UserPrompt(_SUBJECTS[subject]))
@@ -202,22 +207,33 @@ class CalibrationRun:
                     raise
                 cause, spoilt = err.message, spoilt + 1
             else:
-                if done.log.missed.any():
+                level = self._level(wanted, done)
+                if level is None:
                     cause = f"{int(done.log.missed.sum())} refreshes were missed"
                     spoilt += 1
                 else:
                     cause = self._doubt(wanted, done)
                     if not cause or doubted:  # the step says it, where it went on
                         self.folder.write_frames(wanted.name, wanted.frames, done.log)
-                        return self._taken(wanted, done)
+                        return self._taken(wanted, done, level)
                     doubted = True
             name = self.folder.set_aside(wanted.name, number)
             self._notify(events.ShotDiscarded(shot=wanted.name, name=name, cause=cause))
         raise SyncError(
             f"photo {wanted.name} was spoilt {number} times: {cause}",
             device="display",
-            hint="see that nothing else runs on this machine: pdcd timing",
+            hint="see that nothing else runs on this machine: pdcd timing; rig.on_miss = 'flag' "
+            "keeps photos in which nothing moves",
         )
+
+    def _level(self, wanted: NextPhoto, done: RigExposure) -> float | None:
+        """Light of a photo over what was planned; None where refreshes that were missed spoilt it.
+        Those of black panels do not, and `on_miss` may have a picture that stands still kept."""
+        if not done.log.missed.any():
+            return 1.0
+        level = measure_still_level(wanted.frames, done.log, self.config.row_hz)
+        strict = wanted.counted or self.config.rig.on_miss == "abort"
+        return None if strict and level != 1.0 else level
 
     def _doubt(self, wanted: NextPhoto, done: RigExposure) -> str:
         """Which times of an exposure disagree, in words. Its first photo tells how the camera is
@@ -249,7 +265,7 @@ class CalibrationRun:
     def _settable(self) -> bool:
         return bool(self._camera().f_numbers)
 
-    def _taken(self, wanted: NextPhoto, done: RigExposure) -> PhotoRecord:
+    def _taken(self, wanted: NextPhoto, done: RigExposure, level: float) -> PhotoRecord:
         """What is kept of a photo."""
         log = done.log
         return PhotoRecord(
@@ -268,6 +284,7 @@ class CalibrationRun:
             source=log.source,
             verified=log.verified,
             planned_s=planned_open_s(done.settings, self.config, wanted.frames, log),
+            level=level,
         )
 
     def _ask(self, ask: UserPrompt) -> None:

@@ -116,6 +116,28 @@ def count_lit_weights(frames: Frames, log: FrameLog, row_hz: float) -> LitWeight
     )
 
 
+def measure_still_level(frames: Frames, log: FrameLog, row_hz: float) -> float | None:
+    """How many times as long as planned a photo's light fell, where one picture stands still in it;
+    1 where it shows nothing, or none of that was late. For calibrations.
+
+    None where pictures change or pulse: late refreshes then do harm that no factor undoes.
+    Raises ConfigError for rows with times of their own.
+    """
+    check_row_times(frames, log)
+    primal, dual = _contents(frames)
+    planned, shown = np.stack([primal, dual], axis=1)[:-1], _shown(primal, dual, log, row_hz)[0]
+    every = (planned != BLACK).all(axis=1).any()  # light passes both panels, or else leaks by one
+    lit, seen = ((rows != BLACK).all(axis=1) if every else (rows != BLACK).any(axis=1)
+                 for rows in (planned, shown))  # fmt: skip
+    if not lit.any():
+        return 1.0
+    for rows, on in ((planned, lit), (shown, seen)):
+        at = np.flatnonzero(on)
+        if at.size == 0 or at[-1] - at[0] >= at.size or (rows[at] != planned[lit][0]).any():
+            return None
+    return float(seen.sum() / lit.sum())
+
+
 def play_all(
     play: Callable[[_Rows], FrameLog], frames: Frames, *, on_miss: str, rounds: int, row_hz: float
 ) -> FrameLog:

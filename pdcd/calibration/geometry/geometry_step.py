@@ -31,7 +31,7 @@ from pdcd.calibration.geometry.phase import PhaseCode
 from pdcd.calibration.geometry.shared_field import ENOUGH, SharedField, edge_px, find_shared_field
 from pdcd.calibration.geometry.striped import base_px, measure_stripes, measure_xor_map
 from pdcd.calibration.geometry.xor import XorCode
-from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.photo import SMALL_FRAME_HINT, QuadPhoto
 from pdcd.calibration.preview import draw_arrows
 from pdcd.calibration.registration.stripes import compute_map_slope
 from pdcd.calibration.script import (
@@ -282,6 +282,14 @@ def _by_dots(
     return PanelMarks(grid.panel, fitted, dots[GREEN])
 
 
+def check_dots_in_frame(session: CalibrationSession, frame: tuple[int, int]) -> None:
+    """Raise CalibrationError where photos of that size are too coarse for the dots to be shown."""
+    of_projector, of_mask = make_dot_grids(session)
+    _refuse_coarse(frame, of_mask)
+    if choose_marks(session) == "dots":
+        _refuse_coarse(frame, of_projector)
+
+
 def _refuse_coarse(frame: tuple[int, int], grid: DotGrid) -> None:
     """Raise CalibrationError where quads are so large that a dot has hardly any, even if the panel
     fills the photo."""
@@ -290,7 +298,7 @@ def _refuse_coarse(frame: tuple[int, int], grid: DotGrid) -> None:
         raise CalibrationError(
             f"a photo of {frame[1]} x {frame[0]} quads is too coarse for the {grid.panel}'s dots",
             device="camera",
-            hint="set the camera to full-size RAW; of a mock bench, set camera.frame_quads",
+            hint=SMALL_FRAME_HINT,
         )
 
 

@@ -56,7 +56,7 @@ def calibrate_sensor(session: CalibrationSession) -> StepScript:
     seen: dict[str, RawSettings] = {}
     open_s: dict[str, float] = {}
     for shown in plan.photos():
-        taken = yield from take_photo(PhotoRequest(shown, f_number=f_number))
+        taken = yield from take_photo(PhotoRequest(shown, f_number=f_number, counted=True))
         film.keep(taken)
         seen[shown.name], open_s[shown.name] = taken.seen, taken.open_s
     check_camera_settings(seen, iso=session.iso, f_number=f_number, open_s=open_s)

@@ -34,7 +34,12 @@ from pdcd.calibration.script import (
     UserPrompt,
 )
 from pdcd.calibration.shown import pack_frames
-from pdcd.calibration.steps import METER, explain_unused_step, start_step_script
+from pdcd.calibration.steps import (
+    METER,
+    check_frame_size,
+    explain_unused_step,
+    start_step_script,
+)
 from pdcd.errors import CalibrationError, ConfigError, PdcdError, disk_errors
 from pdcd.files.arrays import list_members, read_npz
 from pdcd.files.opening import ArrayLimits, UnsoundFileError
@@ -65,7 +70,8 @@ _VERDICTS: Mapping[Verdict, VerdictName] = {
 @dataclass(frozen=True, eq=False)
 class NextPhoto:
     """Take this photo; f_number is None where the lens is not set from here. covered : of a bench
-    whose projector's lens is covered. moving : for a shutter that moves meanwhile."""
+    whose projector's lens is covered. moving : for a shutter that moves meanwhile. counted : no
+    refresh of it may be late."""
 
     name: str
     frames: Frames
@@ -73,6 +79,7 @@ class NextPhoto:
     f_number: float | None
     covered: bool = False
     moving: ShutterTiming | None = None
+    counted: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,7 +106,7 @@ class CalibrationStart:
 
     before : folder of the calibration that is in use, for what its steps left for later ones.
     helped : whether what is asked of a person is done. subject : what is before the camera. marks :
-        what the geometry is to show.
+        what the geometry is to show. steps : to come after the metering.
     """
 
     config: Config
@@ -109,6 +116,7 @@ class CalibrationStart:
     helped: bool = False
     subject: SubjectName = "card"
     marks: MarksName = "auto"
+    steps: tuple[str, ...] = ()
 
 
 @dataclass
@@ -128,6 +136,7 @@ class CalibrationStudy:
     entries: dict[str, MeasuredValue] = field(default_factory=dict)
     profile_text: str | None = None
     left_out: dict[str, str] = field(default_factory=dict)
+    steps: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         # What is kept: steps that are bad are learned from no further than this calibration goes.
@@ -149,7 +158,7 @@ class CalibrationStudy:
             subject=begin.subject,
             marks=begin.marks,
         )
-        return cls(folder, session, FrameTable(folder))
+        return cls(folder, session, FrameTable(folder), steps=begin.steps)
 
     def begin(self, step: str, now_utc: str) -> Next:
         """Start the script of a step. Raises CalibrationError."""
@@ -163,6 +172,8 @@ class CalibrationStudy:
         }
         if session.f_number is not None:
             self.settings["f_number"] = session.f_number
+        if session.camera.frame_quads is not None:
+            self._check_frame(session.camera.frame_quads[::-1])
         self.script = start_step_script(step, session)
         return self._go_on(None)
 
@@ -184,15 +195,28 @@ class CalibrationStudy:
             mask_delay=record.mask_delay,
         )
         if not self.photos:  # the others of a step are of the same camera
+            self._check_frame(raw.frame)
             self.doubts += [f"photo {record.name}: {doubt}" for doubt in raw.doubts]
         self.photos.append(record)
         open_s = (record.close_ns - record.open_ns) * 1e-9
         if doubt := describe_time_conflict(record.planned_s or open_s, open_s, raw.exposure_s):
             self.doubts.append(f"photo {record.name}: {doubt}; look at the shutter, and repeat")
+        if record.level != 1.0:
+            self.doubts.append(
+                f"photo {record.name}: {record.missed} refreshes came late, and its light was "
+                f"divided by {record.level:.4g}; see pdcd timing"
+            )
         name = record.name.removeprefix(f"{self.step}-")
-        taken = CalibrationPhoto(name, raw, log, record.open_ns, record.close_ns, record.iso)
+        taken = CalibrationPhoto(
+            name, raw, log, record.open_ns, record.close_ns, record.iso, record.level
+        )
         self.seconds += time.process_time() - began_s
         return self._go_on(taken)
+
+    def _check_frame(self, frame: tuple[int, int]) -> None:
+        """At the first photo of all: every further one would be for nothing."""
+        if self.step == METER and self.steps:
+            check_frame_size(self.steps, self.session, frame)
 
     def answered(self) -> Next:
         """Go on: what was asked of a person is done."""
@@ -224,6 +248,7 @@ class CalibrationStudy:
             f_number=f_number,
             covered=wanted.covered,
             moving=wanted.moving,
+            counted=wanted.counted,
         )
 
     def _learn(self, outcome: StepOutcome) -> StepRecord:

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pdcd.calibration.shown import PanelSequence, pack_frames
 from pdcd.codes.make import make_codes
 from pdcd.errors import SyncError
 from pdcd.panels.balance import (
@@ -18,10 +19,11 @@ from pdcd.panels.balance import (
     catch_up,
     count_lit_weights,
     join_logs,
+    measure_still_level,
     play_all,
     streams,
 )
-from pdcd.panels.frames import BLACK, FrameLog, Frames
+from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
 from pdcd.words import ScheduleName
@@ -337,3 +339,29 @@ def test_a_stretched_code_asks_for_all_others_with_their_guards() -> None:
     more = catch_up(frames_of(), log_of(range(12), lasts), HZ)
     assert more is not None
     np.testing.assert_array_equal(more, [0, 1, 2, 6, 7, 8, 9, 10, 11])
+
+
+W = WHITE
+STILL = [BLACK, W, W, W, W, BLACK]
+OPEN = [W] * 6
+
+
+@pytest.mark.parametrize(
+    ("primal", "dual", "lasts", "level"),
+    [
+        (STILL, OPEN, [1, 1, 1, 1, 1, 1], 1.0),
+        (STILL, OPEN, [1, 1, 3, 1, 1, 1], 6 / 4),
+        (STILL, OPEN, [2, 1, 1, 1, 1, 3], 1.0),  # only while the projector is black
+        ([BLACK] * 6, [BLACK] * 6, [1, 1, 5, 1, 1, 1], 1.0),  # a dark photo
+        ([W] * 6, [BLACK] * 6, [1, 1, 2, 1, 1, 1], 7 / 6),  # what leaks
+        ([BLACK] * 6, OPEN, [1, 1, 1, 1, 1, 4], 9 / 6),  # the room, through an open mask
+        ([W, W, BLACK, W, W, BLACK], OPEN, [1, 1, 2, 1, 1, 1], None),  # a pulse is later
+        ([W, W, 0, 0, BLACK, BLACK], OPEN, [1, 1, 1, 2, 1, 1], None),  # pictures change
+    ],
+)
+def test_a_late_refresh_makes_a_still_photo_lighter_and_spoils_no_other(
+    primal: list[int], dual: list[int], lasts: list[int], level: float | None
+) -> None:
+    patterns = np.ones((1, 2, 3), np.bool_)
+    shown = PanelSequence("a", patterns, patterns, np.int32(primal), np.int32(dual))
+    assert measure_still_level(pack_frames(shown), log_of(range(6), lasts), HZ) == level

@@ -1,0 +1,85 @@
+"""Calibrations on a display that misses refreshes, and with frames that are too small."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.bench.placed import panels_of
+from pdcd.bench.tables import Config, DisplayConfig, FaultsConfig, RigConfig
+from pdcd.bench.truth import load_bench_truth
+from pdcd.capture.again import recompute_calibration
+from pdcd.capture.engine import Engine
+from pdcd.panels.map import map_between
+from pdcd.panels.map_file import load_maps
+from pdcd.protocol.events import Event, ShotArmed
+from pdcd.protocol.request import CalibrateRequest
+from pdcd.protocol.result import CaptureResult
+from pdcd.words import StepName
+from tests.e2e.calibration import steps_rig
+
+TRUTH = "[mask.place]\nturn_deg = 1.0\nscale = 1.04\n[camera.place]\nscale = 1.08\n"
+SLOW = DisplayConfig(faults=FaultsConfig(late={str(row): 1 for row in range(5, 300, 7)}))
+"""Of seven refreshes one comes late, in every exposure."""
+
+
+def measure(
+    folder: Path, steps: tuple[StepName, ...], **tables: Any
+) -> tuple[Config, CaptureResult, int]:
+    config = steps_rig.make_config(folder, TRUTH, **tables)
+    heard: list[Event] = []
+    engine = Engine.from_config(config)
+    engine.start()
+    try:
+        result = engine.calibrate(
+            CalibrateRequest(steps=steps),
+            job="20260101T000000Z-0001",
+            emit=heard.append,
+            cancelled=lambda: False,
+        )
+    finally:
+        engine.stop()
+    return config, result, sum(isinstance(event, ShotArmed) for event in heard)
+
+
+def test_still_photos_of_a_slow_display_are_kept_where_the_rig_has_them_kept(
+    tmp_path: Path,
+) -> None:
+    rig = RigConfig(on_miss="flag", retries=0)
+    config, result, _ = measure(tmp_path, ("geometry",), rig=rig, display=SLOW)
+    assert result.state == "done", result.error
+    assert any(
+        "refreshes came late, and its light was divided by 1.1" in w for w in result.warnings
+    )
+    true = panels_of(load_bench_truth(config).of(config)).mask.map
+    maps = load_maps(Path(str(result.folder)) / "maps.npz")
+    x, y = np.meshgrid(np.linspace(20, 236, 9), np.linspace(20, 172, 7))
+    places = np.stack([x, y], axis=-1).reshape(-1, 2)
+    field = maps["projector"].to_field(places)
+    apart = map_between(maps["mask"], maps["projector"], true.from_field(field)) - places
+    assert np.hypot(*apart.T).max() < 0.2
+    assert recompute_calibration(Path(str(result.folder))).identical
+
+
+@pytest.mark.parametrize(
+    ("on_miss", "step"), [("abort", "geometry"), ("flag", "sensor"), ("flag", "timing")]
+)
+def test_what_counts_refreshes_is_not(tmp_path: Path, on_miss: str, step: StepName) -> None:
+    rig = RigConfig(on_miss=on_miss, retries=0)  # type: ignore[arg-type]
+    _, result, _ = measure(tmp_path, (step,), rig=rig, display=SLOW, placed=True)
+    assert result.state == "failed" and result.error is not None
+    assert result.error["kind"] == "sync" and "was spoilt 1 times" in result.error["message"]
+
+
+@pytest.mark.parametrize(
+    ("quads", "told"), [((16, 12), "16 x 12 quads is too small"), ((64, 48), "too coarse for")]
+)
+def test_a_frame_that_is_too_small_for_a_later_step_is_told_of_before_the_first(
+    tmp_path: Path, quads: tuple[int, int], told: str
+) -> None:
+    _, result, photos = measure(tmp_path, (), quads=quads)
+    assert result.error is not None and told in result.error["message"], result.error
+    assert "camera.frame_quads" in str(result.error["hint"]) and photos <= 1
