@@ -38,6 +38,26 @@ def inspect_port(port: str) -> Iterator[Finding]:
         yield Finding("port", "good", port if real == port else f"{port}, which is {real}")
 
 
+def list_serial_ports(devices: Path = Path("/dev")) -> tuple[str, ...]:
+    """Ports on which a release may hang, adapters first: by their lasting names where they have
+    one. The kernel names more ports of the board than there are; those without a chip are left out.
+    """
+    lasting = {os.path.realpath(path): str(path) for path in devices.glob("serial/by-id/*")}
+    found = []
+    for pattern in _PATTERNS[:3]:
+        for path in sorted(devices.glob(pattern)):
+            if not path.name.startswith("ttyS") or _has_chip(path.name):
+                found.append(lasting.get(os.path.realpath(path), str(path)))
+    return tuple(found)
+
+
+def _has_chip(name: str) -> bool:
+    try:
+        return Path(f"/sys/class/tty/{name}/type").read_text().strip() != "0"
+    except OSError:
+        return True
+
+
 def _why(err: OSError | ValueError) -> str:
     return (err.strerror if isinstance(err, OSError) else None) or str(err)
 

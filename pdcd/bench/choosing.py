@@ -211,6 +211,8 @@ def find_other_device(
         if before and there and before != there:
             said = f"calibration {name} is of the {panel} {before!r}, and this is {there!r}"
             return panel, said
+    if all(" Hz" in display.identity.get(panel, "") for panel in ("projector", "mask")):
+        return None  # the modes were compared; what is measured scatters where times are not exact
     rate_hz = min(seen.projector_hz, seen.mask_hz)
     if abs(display.refresh_hz / rate_hz - 1.0) > _SAME_RATE:
         text = f"calibration {name} was made at {rate_hz:g} Hz, and the panels run at"

@@ -71,8 +71,8 @@ def planned_open_s(
     settings: CameraSettings, config: Config, frames: Frames, log: FrameLog
 ) -> float:
     """How long an exposure was to be that `with_exposure_times` or `with_open_time` announced, s,
-    with the passes that were shown on purpose to make up for missed refreshes."""
-    more = max(0, len(log) - len(frames) - abs(log.mask_delay))
+    with refreshes that came late, and the passes that were shown to make up for them."""
+    more = max(0, len(log) - len(frames) - abs(log.mask_delay)) + int(log.missed.sum())
     return (settings.exposure_s or 0.0) + more / config.row_hz
 
 

@@ -29,6 +29,23 @@ from pdcd.panels.placing import make_placed_map
 _Role = Literal["projector", "mask"]
 
 
+_OBLONG = 1.1
+"""Sides of a cell, one over the other, from which on it is said to be oblong."""
+
+
+def describe_oblong_cells(config: Config, grid: tuple[int, int]) -> str:
+    """In words that cells of a grid (rows, columns) are no squares on the scene, and a grid of
+    which they are; "" where they are squares."""
+    (wide, high), (rows, cols) = config.projector.field_size_px, grid
+    across, down = wide / cols, high / rows
+    if max(across, down) <= _OBLONG * min(across, down):
+        return ""
+    return (
+        f"cells of {rows} x {cols} are oblong, {across:.4g} x {down:.4g} projector pixels: "
+        f"grid = [{max(1, round(high / across))}, {cols}] makes squares"
+    )
+
+
 @dataclass(frozen=True)
 class Panels:
     """Both panels as `pdcd.panels.draw.draw` wants them."""

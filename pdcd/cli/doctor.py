@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import signal
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 from pdcd.bench.config import load_config
 from pdcd.bench.devices import Finding
 from pdcd.bench.registry import import_driver_module
+from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say_json, say_table, say_text
 from pdcd.errors import ConfigError
@@ -23,20 +25,35 @@ def diagnose_display(args: argparse.Namespace) -> int:
 
 def diagnose_camera(args: argparse.Namespace) -> int:
     """Look at the camera, without a photo; fails when anything must be mended."""
+    return _report(_examine_camera(load_config(args.config), args.raw), as_json=args.json)
+
+
+def _examine_camera(config: Config, raw: Path | None) -> Iterator[Finding]:
     from pdcd.bench.clock import RealClock
     from pdcd.bench.devices import DriverContext
     from pdcd.capture.bench_check import examine_frame
 
     # Cameras keep their own time, whatever clock the rest of the rig would run on.
-    config = load_config(args.config)
     context = DriverContext(config=config, clock=RealClock())
     # By name, as drivers are loaded: pdcd imports none of them.
     if "genicam" in (config.camera.driver, config.trigger.driver):
         examine = import_driver_module("genicam.doctor").examine_genicam
     else:
         examine = import_driver_module("ptp.doctor").examine_ptp
-    findings = (*examine(context), *examine_frame(config, args.raw))
-    return _report(findings, as_json=args.json)
+    yield from examine(context)
+    yield from examine_frame(config, raw)
+
+
+def examine_bench(config: Config) -> Iterator[Finding]:
+    """Yield what all doctors find of the devices that a configuration names; nothing is exposed."""
+    from pdcd.bench.click import examine_shutter
+    from pdcd.presenter.examine import examine_display
+
+    if config.display.driver == "x11":
+        yield from examine_display(config)
+    if config.camera.driver in ("ptp", "genicam"):
+        yield from _examine_camera(config, None)
+    yield from examine_shutter(config, click=False)
 
 
 def diagnose_trigger(args: argparse.Namespace) -> int:
@@ -61,12 +78,17 @@ def _report(findings: Iterable[Finding], *, as_json: bool) -> int:
     if as_json:
         say_json({"fit": not faults, "findings": found})
         return FAILED if faults else DONE
+    say_findings(found)
+    return FAILED if faults else DONE
+
+
+def say_findings(found: list[Finding]) -> None:
+    """Print findings as a table, what to do about each, and a verdict on all."""
     say_table([[f.state, f.what, f.found] for f in found])
     for finding in found:
         if finding.hint is not None:
             say_text(f"{finding.what}: {finding.hint}")
-    say_text(_verdict(found, faults))
-    return FAILED if faults else DONE
+    say_text(_verdict(found, sum(f.state == "fault" for f in found)))
 
 
 def _verdict(found: list[Finding], faults: int) -> str:

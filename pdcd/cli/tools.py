@@ -15,6 +15,7 @@ from pdcd.bench.config import (
 )
 from pdcd.bench.measured import apply_calibration, choose_calibration
 from pdcd.bench.origins import describe_calibration_age, trace_origins
+from pdcd.bench.placed import describe_oblong_cells
 from pdcd.bench.reading import make_faults_error
 from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
@@ -57,6 +58,10 @@ def examine_config(args: argparse.Namespace) -> int:
     if lines:
         raise make_faults_error(source, lines)
     say(f"sound: {source}" if source else "sound: no file, the mock bench")
+    if settings.scene.kind != "matrix" and (
+        oblong := describe_oblong_cells(settings, settings.code_grid())
+    ):
+        say_text(f"warning: {oblong}")
     _say_calibration(settings)
     return DONE
 

@@ -47,6 +47,14 @@ batch  batch:take_batch  take the photos of a table, and again those that fail
 compare  compare:compare  take a photo by every method, side by side
   usage                       [OPTIONS] GOAL
   @photo without=method
+init  init:prepare_bench  find out what this machine has, and write the files of a bench
+  --yes                       ask nothing: take what is proposed
+  --out DIR                   folder of the files; default: where pdcd.toml is looked for
+  --display :N                X server to look at; default: $DISPLAY
+  --projector OUTPUT          which output it is, by its name
+  --mask OUTPUT               the same
+  --camera KEY                one that is found, or virtual, or none
+  --release PORT              serial port that opens the shutter; camera: the camera does
 demo  demo:run_demo  start a daemon on the mock bench and take one photo with it
   --out DIR=demo
   @fields codes seed

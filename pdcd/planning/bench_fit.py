@@ -10,7 +10,7 @@ from functools import lru_cache
 import msgspec
 import numpy as np
 
-from pdcd.bench.placed import map_plane_to_field, panels_of, place_panels
+from pdcd.bench.placed import describe_oblong_cells, map_plane_to_field, panels_of, place_panels
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError, RequestError
 from pdcd.panels.atoms import check_cells, find_shown_cells
@@ -329,17 +329,13 @@ def explain_depth_codes(recipe: Recipe, codes: int, window: str) -> Iterator[str
         yield f"codes: one for each row, {exact}{beside}"
 
 
-_OBLONG = 1.1
-"""Sides of a cell, one over the other, from which on it is said to be oblong."""
-
-
 def _field_reasons(config: Config, grid: tuple[int, int]) -> Iterator[str]:
     """Where the field lies in the projector's picture; nothing where nobody measured it."""
     if config.projector.field_px is None:
         return
     (left, top, wide, high), (width, height) = config.projector.field_px, config.projector.size_px
     across, down = wide / grid[1], high / grid[0]
-    oblong = ", oblong" if max(across, down) > _OBLONG * min(across, down) else ""
+    oblong = ", oblong" if describe_oblong_cells(config, grid) else ""
     yield (
         f"field of {wide} x {high} of the projector's {width} x {height} pixels, from ({left}, "
         f"{top}) on, which projector, mask and camera share; cells of {across:.4g} x {down:.4g} "

@@ -1,7 +1,7 @@
-"""Who a panel says it is: the identity fields of an EDID block, as a RandR output has it.
+"""Who a panel says it is, and its modes: fields of an EDID block, as a RandR output has it.
 
 Source: VESA E-EDID standard, release A revision 2 (EDID 1.4), section 3: the 128-byte base block.
-Timings, colours and extension blocks are not read; the server has done that.
+Colours and extension blocks are not read; the server has done that.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pdcd.presenter.properties import read_property
+from pdcd.presenter.timings import VideoTiming, parse_detailed_timing
 
 _BLOCK = 128
 """Bytes of the base block."""
@@ -28,6 +29,7 @@ class Edid:
     product : number of the model.
     number : 32-bit serial number; 0 when the maker does not use it.
     name, serial : texts of the display descriptors, "" when there are none.
+    timings : detailed ones, the panel's own first.
     """
 
     vendor: str
@@ -35,6 +37,7 @@ class Edid:
     number: int
     name: str = ""
     serial: str = ""
+    timings: tuple[VideoTiming, ...] = ()
 
     @property
     def serials(self) -> tuple[str, ...]:
@@ -61,7 +64,15 @@ def parse_edid(data: bytes) -> Edid | None:
     (letters,) = struct.unpack_from(">H", data, 8)
     product, number = struct.unpack_from("<HI", data, 10)
     vendor = "".join(chr(ord("@") + (letters >> shift & 31)) for shift in (10, 5, 0))
-    return Edid(vendor, product, number, _text(data, _TAG_NAME), _text(data, _TAG_SERIAL))
+    timings = (parse_detailed_timing(data[at : at + 18]) for at in _DESCRIPTORS)
+    return Edid(
+        vendor,
+        product,
+        number,
+        _text(data, _TAG_NAME),
+        _text(data, _TAG_SERIAL),
+        tuple(timing for timing in timings if timing is not None),
+    )
 
 
 def read_edid(display: Any, output: int) -> Edid | None:

@@ -15,6 +15,7 @@ import msgspec
 from Xlib import X, error
 
 from pdcd.bench.devices import Finding, fault
+from pdcd.bench.placed import describe_oblong_cells
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.panels.map import Map
@@ -95,6 +96,8 @@ def _examine(display: Any, config: Config, options: X11Options | None) -> Iterat
         yield _fault("desktop", found)
     if not faults:
         yield Finding("desktop", "good", "no compositor, no window manager, no blanking")
+    if (cells := describe_oblong_cells(config, config.code_grid())) and options is not None:
+        yield Finding("cells", "warning", cells)
     if display.has_extension("Composite"):
         yield Finding(
             "Composite", "warning", "the extension is on, so a compositor could start",

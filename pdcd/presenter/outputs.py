@@ -18,6 +18,7 @@ from pdcd.bench.checks import RATE_TOLERANCE
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter.edid import Edid, read_edid
 from pdcd.presenter.levels import OutputLevels, read_levels
+from pdcd.presenter.timings import VideoTiming, from_server_mode
 from pdcd.presenter.xconnection import guard_x_calls
 
 _Size = tuple[int, int]
@@ -50,6 +51,8 @@ class Output:
     edid: Edid | None = None
     levels: OutputLevels = field(default_factory=OutputLevels)
     """What is done to levels between the frame buffer and the panel."""
+    timings: tuple[VideoTiming, ...] = ()
+    """Modes that the server offers for it, the panel's own first."""
 
     @property
     def on(self) -> bool:
@@ -133,9 +136,11 @@ def _output(display: Any, number: int, stamp: int, modes: dict[int, tuple[Any, s
     info = display.xrandr_get_output_info(number, stamp)
     connected = info.connection == randr.Connected
     edid = read_edid(display, number)
+    offered = (from_server_mode(modes[number][0]) for number in info.modes if number in modes)
+    timings = tuple(timing for timing in offered if timing is not None)
     crtc = display.xrandr_get_crtc_info(info.crtc, stamp) if info.crtc else None
     if crtc is None or not crtc.mode:
-        return Output(info.name, connected, edid=edid)
+        return Output(info.name, connected, edid=edid, timings=timings)
     mode, name = modes[crtc.mode]
     rate_hz = mode_hz(mode["dot_clock"], mode["h_total"], mode["v_total"], mode["flags"])
     preferred = info.modes[: info.num_preferred]
@@ -158,6 +163,7 @@ def _output(display: Any, number: int, stamp: int, modes: dict[int, tuple[Any, s
         describe_rotation(crtc.rotation),
         edid,
         levels,
+        timings,
     )
 
 

@@ -11,8 +11,12 @@ from pathlib import Path
 import pytest
 
 from pdcd.errors import DeviceLost
-from pdcd.presenter.outputs import find_pair, read_outputs
+from pdcd.presenter.outputs import Output, find_pair, read_outputs
+from pdcd.presenter.timings import VideoTiming
 from pdcd.presenter.xconnection import close_x_connection, open_x_connection
+from pdcd.setup.facts import BenchChoices, BenchFacts
+from pdcd.setup.files import make_xorg_conf
+from pdcd.setup.propose import suggest_bench
 from tests.places import ROOT
 from tests.tools import linked, needs, program
 from tests.xserver import FULL, run
@@ -20,13 +24,19 @@ from tests.xserver import FULL, run
 UNITS = ROOT / "systemd"
 
 
+PROJECTOR = VideoTiming(65_000, (1024, 1048, 1184, 1344), (768, 771, 777, 806), (False, False))
+MASK = VideoTiming(162_000, (1600, 1664, 1856, 2160), (1200, 1201, 1204, 1250))
+"""VESA's timings of both sizes."""
+
+
 def adapted() -> str:
-    """The shipped xorg.conf for the dummy driver, which has other names for card and outputs."""
-    text = (UNITS / "xorg.conf").read_text(encoding="utf-8")
+    """The xorg.conf that is written for two such panels, for the dummy driver, which has another
+    name for the card."""
+    outputs = Output("DUMMY1", True, timings=(PROJECTOR,)), Output("DUMMY0", True, timings=(MASK,))
+    modes = suggest_bench(BenchFacts(outputs), BenchChoices("DUMMY1", "DUMMY0")).modes
+    assert modes is not None
+    text = make_xorg_conf(modes)
     text = text.replace('Driver "modesetting"', 'Driver "dummy"\n    VideoRam 262144')
-    text = text.replace("Monitor-HDMI-1", "Monitor-DUMMY1").replace(
-        "Monitor-DP-1", "Monitor-DUMMY0"
-    )
     # DUMMY1 has no plug that could be found connected.
     return text.replace(
         'Identifier "projector"', 'Identifier "projector"\n    Option "Enable" "true"'
@@ -40,7 +50,7 @@ def unit_line(key: str) -> str:
     return str(value)
 
 
-def test_the_shipped_configuration_sets_matched_modes_side_by_side() -> None:
+def test_the_written_configuration_sets_matched_modes_side_by_side() -> None:
     with run(*FULL, kinds=("dummy",), config=adapted()) as server:
         display = open_x_connection(server.display)
         pair = find_pair(

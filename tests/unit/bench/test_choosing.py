@@ -211,6 +211,19 @@ def test_devices_that_are_open_may_be_others(tmp_path: Path) -> None:
     assert other == ("camera", "calibration cal is of photos of 600 x 400 quads, not 300 x 200")
 
 
+def test_rates_by_modes_count_for_more_than_measured_ones() -> None:
+    """A measured rate scatters by more than modes differ, where times are not those of a screen."""
+    fast: Any = SimpleNamespace(refresh_hz=60.1, identity={})
+    other = find_other_device(record(), None, fast)
+    assert other is not None and "panels run at 60.1 Hz" in other[1]
+    fast.identity = {"projector": "A: 60.0000 Hz", "mask": "B: 60.0000 Hz"}
+    seen = msgspec.structs.replace(record().identity, **fast.identity)
+    assert find_other_device(record(identity=seen), None, fast) is None
+    fast.identity["mask"] = "B: 59.9400 Hz"
+    other = find_other_device(record(identity=seen), None, fast)
+    assert other is not None and other[0] == "mask"
+
+
 def test_hostile_folders_are_passed_over_and_nothing_is_waited_for(tmp_path: Path) -> None:
     good = kept_in(tmp_path, "a0", measured={"mask.skew_s": entry(0.002)})
     folder = tmp_path / CALIBRATIONS_FOLDER

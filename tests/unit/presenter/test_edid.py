@@ -11,21 +11,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdcd.presenter.edid import Edid, parse_edid
+from pdcd.presenter.timings import VideoTiming
 from tests.edid_block import block
 from tests.tools import needs, program
 
+OWN = VideoTiming(162_000, (1600, 1664, 1856, 2160), (1200, 1201, 1204, 1250))
+"""VESA's timing of 1600 x 1200, as the block has it."""
 TEXT = st.text(st.characters(min_codepoint=33, max_codepoint=126), min_size=1, max_size=13)
 
 
 def test_all_identity_fields_are_read() -> None:
     data = block(name="EPSON PJ", serial="X4K700123")
-    assert parse_edid(data) == Edid("EPS", 0xA1B2, 16909060, "EPSON PJ", "X4K700123")
+    assert parse_edid(data) == Edid("EPS", 0xA1B2, 16909060, "EPSON PJ", "X4K700123", (OWN,))
 
 
 @given(name=TEXT, serial=TEXT, number=st.integers(0, 2**32 - 1), product=st.integers(0, 65535))
 def test_texts_of_every_length_survive(name: str, serial: str, number: int, product: int) -> None:
     found = parse_edid(block(name=name, serial=serial, number=number, product=product))
-    assert found == Edid("EPS", product, number, name, serial)
+    assert found == Edid("EPS", product, number, name, serial, (OWN,))
 
 
 def test_a_panel_is_asked_for_by_text_or_number() -> None:
@@ -76,3 +79,9 @@ def test_edid_decode_reads_the_same(tmp_path: Path) -> None:
     assert int(fields["Serial Number"].split()[0]) == found.number
     assert fields["Display Product Serial Number"].strip("'") == found.serial
     assert fields["Display Product Name"].strip("'") == found.name
+    (timing,) = found.timings
+    modeline = re.search(r"Modeline *(.*)", subprocess.run(
+        [command[0], "-X", command[1]], capture_output=True, text=True, timeout=20
+    ).stdout)  # fmt: skip
+    assert modeline is not None
+    assert modeline[1].lower().split()[1:] == timing.to_modeline("own").split()[1:]

@@ -1,0 +1,164 @@
+"""`pdcd init`: looks at the machine, asks what it cannot see, writes the files of a bench, and says
+what is left to do."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from pdcd.api.progress import tell_user
+from pdcd.bench.config import load_config, read_config
+from pdcd.bench.devices import Finding
+from pdcd.bench.folders import read_folder_variable
+from pdcd.cli.doctor import examine_bench, say_findings
+from pdcd.cli.exits import DONE, FAILED
+from pdcd.cli.output import say, say_table, say_text
+from pdcd.errors import ConfigError
+from pdcd.setup.facts import MOCK, OWN_RELEASE, VIRTUAL, BenchChoices, BenchFacts
+from pdcd.setup.files import CONFIG, INSTALL, make_bench_files, write_beside
+from pdcd.setup.find import find_bench_facts
+from pdcd.setup.propose import BenchProposal, suggest_bench, suggest_choices
+
+_TYPED = "projector", "mask", "camera", "release"
+
+
+def prepare_bench(args: argparse.Namespace) -> int:
+    """Write a bench, look at it as the doctor does, and fail where anything must be mended."""
+    asks = not args.yes
+    if asks and not sys.stdin.isatty():
+        raise ConfigError("nobody is there to be asked", hint="say --yes to take what is proposed")
+    tell_user("looking at outputs, USB, network and serial ports ...")
+    facts = find_bench_facts(args.display)
+    _say_facts(facts)
+    typed = {name: getattr(args, name) for name in _TYPED}
+    chosen = suggest_choices(facts, typed)
+    if asks:
+        chosen = _ask_all(facts, chosen, typed)
+    made = suggest_bench(facts, chosen)
+    folder = _find_folder(args.out)
+    say("")
+    for text in made.why:
+        say_text(text)
+    files = make_bench_files(made, folder)
+    said = [[write_beside(folder / name, text), str(folder / name)] for name, text in files.items()]
+    say_table([[path, what] for what, path in said])
+    for text in made.plug:
+        say_text(f"plug in: {text}")
+    return _say_left(made, folder)
+
+
+def _find_folder(out: Path | None) -> Path:
+    """Where the daemon of this user looks for its configuration, or what was typed."""
+    if out is not None:
+        return out.absolute()
+    folder = read_folder_variable("XDG_CONFIG_HOME")
+    return (folder or Path.home() / ".config") / "pdcd"
+
+
+def _say_facts(facts: BenchFacts) -> None:
+    rows = [["output", str(output)] for output in facts.outputs]
+    rows += [["camera", f"{camera.words}: {camera.key}"] for camera in facts.cameras]
+    rows += [["serial port", port.path] for port in facts.ports]
+    missing = (("output", facts.outputs), ("camera", facts.cameras), ("serial port", facts.ports))
+    rows += [[what, "none found"] for what, found in missing if not found]
+    say_table(rows)
+
+
+def _ask_all(facts: BenchFacts, chosen: BenchChoices, typed: dict[str, str | None]) -> BenchChoices:
+    """What cannot be seen from here, asked at the terminal; what was typed already is not."""
+    answers: dict[str, str | None] = dict(typed)
+    outputs = {output.name: str(output) for output in facts.outputs}
+    for role in ("projector", "mask"):
+        if typed[role] is None and len(outputs) > 1:
+            proposed = getattr(suggest_choices(facts, answers), role)
+            answers[role] = _ask(f"Which output is the {role}?", outputs, proposed)
+            outputs.pop(str(answers[role]), None)
+    if typed["camera"] is None:
+        cameras = {camera.key: camera.words for camera in facts.cameras}
+        cameras |= {VIRTUAL: "an EOS 450D that is not there", MOCK: "none yet: simulate photos"}
+        answers["camera"] = _ask("Which camera?", cameras, chosen.camera)
+    if typed["release"] is None and facts.ports:
+        ways = {OWN_RELEASE: "the camera itself"} | {p.path: "a release" for p in facts.ports}
+        answers["release"] = _ask("What opens the shutter?", ways, chosen.release)
+    chosen = suggest_choices(facts, answers)
+    if chosen.release != OWN_RELEASE:
+        lines = {"rts": "a cable on RTS", "dtr": "a cable on DTR", "command": "a box, by bytes"}
+        chosen = replace(chosen, line=_ask(f"What is on {chosen.release}?", lines, "rts"))
+        if chosen.line == "command":
+            asked = [_ask(f"Bytes that {what} it, such as FF 01 01?", {}, "") for what in _MOVES]
+            chosen = replace(chosen, open_hex=asked[0], close_hex=asked[1])
+    if chosen.camera in {camera.key for camera in facts.cameras}:
+        number = _ask("F-number of the lens, where it is set by hand?", {}, "auto")
+        chosen = replace(chosen, f_number=None if number == "auto" else _to_number(number))
+    return chosen
+
+
+_MOVES = "open", "close"
+
+
+def _to_number(text: str) -> float:
+    try:
+        return float(text.removeprefix("f/"))
+    except ValueError as err:
+        raise ConfigError(f"{text!r} is no f-number", hint="give one as 5.6, or auto") from err
+
+
+def _ask(question: str, ways: dict[str, str], proposed: str) -> str:
+    """One answer: a number of the list or a name in it; anything where there is no list. Return
+    alone takes the proposal. Raises ConfigError where nobody answers any more."""
+    names = list(ways)
+    tell_user(question)
+    for number, name in enumerate(names, 1):
+        tell_user(f"  {number}  {ways[name]}{'' if name in ways[name] else f' ({name})'}")
+    while True:
+        tell_user(f"[{proposed}]" if proposed else "?")
+        line = sys.stdin.readline()
+        if not line:
+            raise ConfigError("nobody answers", hint="say --yes to take what is proposed")
+        said = line.strip() or proposed
+        if said.isdecimal() and 1 <= int(said) <= len(names):
+            return names[int(said) - 1]
+        if said in names or (said and not names):
+            return said
+        tell_user(f"type a number from 1 to {len(names)}" if names else "type an answer")
+
+
+def _say_left(made: BenchProposal, folder: Path) -> int:
+    """What the doctor finds in the configuration that was written, and what is left to do."""
+    path = folder / CONFIG
+    faults = [Finding("configuration", "fault", f.message) for f in read_config(path)[1]]
+    found = faults or list(_examine(path))
+    say("")
+    say_findings(found)
+    bad = [finding for finding in found if finding.state == "fault"]
+    say("")
+    say("left to do:")
+    for text in _list_steps(made, folder, bad):
+        say_text(f"- {text}")
+    return FAILED if bad else DONE
+
+
+def _examine(path: Path) -> Iterator[Finding]:
+    tell_user("looking at the bench; both panels go black for some seconds ...")
+    yield from examine_bench(load_config(path))
+
+
+def _list_steps(made: BenchProposal, folder: Path, bad: Sequence[Finding]) -> Iterator[str]:
+    """Sentences, in the order in which things are done."""
+    yield from made.left
+    if made.modes is not None:
+        yield f"read {folder / INSTALL}, then say: sudo sh {folder / INSTALL}"
+        yield (
+            "the X server of the bench takes the screen: from ssh or a text terminal (Ctrl-Alt-F3) "
+            "say: sudo systemctl disable --now display-manager; sudo systemctl start pdcd-x pdcd"
+        )
+        yield "log in again, for the group pdcd, then say: pdcd doctor display"
+    elif made.port is not None or made.tables.get("camera", {}).get("driver") == "ptp":
+        yield f"for rights on devices, or for the service, say: sudo sh {folder / INSTALL}"
+    yield from (f"{f.what}: {f.hint or f.found}" for f in bad if made.modes is None)
+    config = "" if folder == _find_folder(None) else f" --config {folder / CONFIG}"
+    yield f"put a white card before the projector and say: pdcd calibrate --local{config}"
+    yield f"take a photo: pdcd capture indirect --local{config}"
