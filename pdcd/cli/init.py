@@ -43,8 +43,8 @@ def prepare_bench(args: argparse.Namespace) -> int:
     for text in made.why:
         say_text(text)
     files = make_bench_files(made, folder)
-    said = [[write_beside(folder / name, text), str(folder / name)] for name, text in files.items()]
-    say_table([[path, what] for what, path in said])
+    for name, text in files.items():
+        say_text(f"{folder / name}: {write_beside(folder / name, text)}")
     for text in made.plug:
         say_text(f"plug in: {text}")
     return _say_left(made, folder)

@@ -1,0 +1,148 @@
+"""`pdcd init` at a bench: from nothing to a photo, without a configuration that anybody edited."""
+
+from __future__ import annotations
+
+import io
+import os
+import pty
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.genicam import aravis
+from drivers.ptp import usb_port
+from drivers.serial_shutter import look
+from pdcd.bench.config import load_config
+from pdcd.calibration.light import metering
+from pdcd.cli.main import main
+from tests import x11_rig
+from tests.xserver import QUARTER, XServer, run
+
+BENCH = (1920, 1080), (1600, 1200)
+"""A projector of full HD, before a mask of four by three."""
+SMALL = (480, 270), QUARTER[1]
+"""A quarter of that, which the processor draws in time."""
+
+
+@pytest.fixture
+def adapter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The only device of a machine: an adapter, whose far end nobody answers on."""
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+    name = os.ttyname(theirs)
+    find = usb_port.find_still_image_devices
+
+    def find_virtual(backend: object, *wanted: Any) -> list[Any]:
+        return [] if backend is None else find(backend, *wanted)
+
+    monkeypatch.setattr(usb_port, "find_still_image_devices", find_virtual)
+    monkeypatch.setattr(aravis, "list_cameras", list)
+    monkeypatch.setattr(look, "list_serial_ports", lambda: (name,))
+    for variable in ("XDG_CONFIG_HOME", "XDG_STATE_HOME"):
+        monkeypatch.setenv(variable, str(tmp_path / variable))
+    monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
+    monkeypatch.setenv("LP_NUM_THREADS", "0")
+    yield name
+    os.close(ours)
+    os.close(theirs)
+
+
+def photograph(folder: Path) -> None:
+    """Doctor, calibration and capture, as somebody types them after `pdcd init`."""
+    for device in ("display", "camera", "trigger"):
+        assert main(["doctor", device]) == 0, device
+    assert main(["calibrate", "geometry", "--local", "--yes"]) == 0
+    captured = ["capture", "indirect", "--codes", "12", "--local", "--out", str(folder)]
+    assert main(captured) == 0
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("sizes", [SMALL, BENCH])
+def test_from_nothing_to_a_photo(
+    sizes: Any,
+    adapter: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(metering, "WISHED", metering.LEAST)  # photos of a second each
+    with run(*sizes, kinds=("dummy",)) as server:
+        x11_rig.hurry(server)
+        monkeypatch.setenv("DISPLAY", server.display)
+        assert main(["init", "--yes", "--camera", "virtual"]) == 0
+        said = " ".join(capsys.readouterr().out.split())
+        assert adapter in said and "nothing to mend" in said
+        part = f"{sizes[0][1] * 4 // 3} x {sizes[0][1]}"
+        assert part in said and "pdcd calibrate --local" in said
+        photograph(tmp_path / "runs")
+        told = capsys.readouterr().out
+        assert "RMS error" in told and "passed over" not in told
+        # Said again it changes nothing, and says so.
+        assert main(["init", "--yes", "--camera", "virtual"]) == 0
+        assert capsys.readouterr().out.count("as it was") == 3
+
+
+def test_what_cannot_be_seen_is_asked(
+    adapter: str,
+    x_quarter: XServer,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    if x_quarter.kind == "xvfb":
+        pytest.skip("XVFB HAS ONE OUTPUT, and two are to be told apart")
+    monkeypatch.setenv("DISPLAY", x_quarter.display)
+    # The outputs the other way round, by number and by name; a box, by bytes; no camera yet.
+    answers = ["2", x_quarter.projector, "7", "none", "2", "command", "FF 01", "FF 00"]
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setattr("sys.stdin", Terminal("\n".join(answers) + "\n"))
+    assert main(["init"]) == 0
+    printed = capsys.readouterr()
+    assert "Which output is the projector?" in printed.err
+    assert "type a number from 1 to 2" in printed.err
+    config = load_config()
+    assert config.projector.size_px == x_quarter.mask_px
+    assert config.display.options["projector"] == x_quarter.mask
+    assert config.trigger.options == {
+        "port": adapter, "release": "command", "open_hex": "FF 01", "close_hex": "FF 00",
+    }  # fmt: skip
+    assert f"release: the box on {adapter}" in printed.out
+    assert "plug in a camera" in printed.out
+    monkeypatch.setattr("sys.stdin", Terminal(""))
+    assert main(["init"]) == 2
+    assert "say --yes" in capsys.readouterr().err
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert main(["init", "--out", str(tmp_path / "none")]) == 2
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.usefixtures("adapter")
+def test_a_machine_without_panels_gets_a_mock_bench_that_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr("pdcd.setup.find.DRM", tmp_path)
+    old = tmp_path / "XDG_CONFIG_HOME/pdcd/pdcd.toml"
+    old.parent.mkdir(parents=True)
+    old.write_text("# mine\n")
+    assert main(["init", "--yes"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "connect projector and mask" in said and "plug in a camera" in said
+    assert "what was there is now pdcd.toml.old" in said
+    assert old.with_name("pdcd.toml.old").read_text() == "# mine\n"
+    assert main(["config", "check"]) == 0
+
+
+def test_an_oblong_grid_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "pdcd.toml"
+    path.write_text("[projector]\nsize_px = [1920, 1080]\n")
+    assert main(["config", "check", "--config", str(path)]) == 0
+    assert "warning: cells of 48 x 64 are oblong, 30 x 22.5" in capsys.readouterr().out
