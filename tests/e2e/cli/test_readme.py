@@ -34,6 +34,7 @@ LEFT_OUT = {
     "make demo": "sets up .venv; what it then runs is tried by tests/e2e/cli/test_wheel.py",
     "make test": "is what runs this",
     "pdcd figures": "minutes; tests/unit/figures and test_figures_golden take them smaller",
+    "pdcd init": "asks; tests/e2e/cli/test_init.py answers",
     "pdcd doctor display": "needs a server with two outputs",
     "pdcd show grid": "the same",
     "pdcd show --loop": "the same",
