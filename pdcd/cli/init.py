@@ -23,6 +23,9 @@ from pdcd.setup.find import find_bench_facts
 from pdcd.setup.propose import BenchProposal, suggest_bench, suggest_choices
 
 _TYPED = "projector", "mask", "camera", "release"
+_MOVES = "open", "close"
+_SOCKET = "/run/pdcd.sock"
+"""Of the service."""
 
 
 def prepare_bench(args: argparse.Namespace) -> int:
@@ -96,9 +99,6 @@ def _ask_all(facts: BenchFacts, chosen: BenchChoices, typed: dict[str, str | Non
     return chosen
 
 
-_MOVES = "open", "close"
-
-
 def _to_number(text: str) -> float:
     try:
         return float(text.removeprefix("f/"))
@@ -155,10 +155,17 @@ def _list_steps(made: BenchProposal, folder: Path, bad: Sequence[Finding]) -> It
             "the X server of the bench takes the screen: from ssh or a text terminal (Ctrl-Alt-F3) "
             "say: sudo systemctl disable --now display-manager; sudo systemctl start pdcd-x pdcd"
         )
-        yield "log in again, for the group pdcd, then say: pdcd doctor display"
+        yield (
+            "log in again, for the group pdcd, then say: XAUTHORITY=/run/pdcd-x/auth pdcd doctor "
+            f"display (the service reads /etc/pdcd/{CONFIG}, a copy)"
+        )
     elif made.port is not None or made.tables.get("camera", {}).get("driver") == "ptp":
         yield f"for rights on devices, or for the service, say: sudo sh {folder / INSTALL}"
     yield from (f"{f.what}: {f.hint or f.found}" for f in bad if made.modes is None)
     config = "" if folder == _find_folder(None) else f" --config {folder / CONFIG}"
-    yield f"put a white card before the projector and say: pdcd calibrate --local{config}"
-    yield f"take a photo: pdcd capture indirect --local{config}"
+    where = f" --socket {_SOCKET}" if made.modes is not None else f" --local{config}"
+    # What counts refreshes cannot be measured where the processor draws.
+    drawn = made.tables.get("display", {}).get("options", {}).get("allow_software")
+    step = " geometry" if drawn else ""
+    yield f"put a white card where the scene will be and say: pdcd calibrate{step}{where}"
+    yield f"take a photo: pdcd capture indirect{where}"

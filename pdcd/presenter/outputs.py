@@ -112,7 +112,9 @@ def read_outputs(display: Any, *, anew: bool = True) -> tuple[Output, ...]:
     """
     if not display.has_extension("RANDR"):
         raise ConfigError(
-            "the X server has no RandR extension", device="display", hint="pdcd init writes an xorg.conf"
+            "the X server has no RandR extension",
+            device="display",
+            hint="take Xorg: pdcd init writes an xorg.conf",
         )
     with guard_x_calls(display):
         root = display.screen().root

@@ -5,20 +5,25 @@ from __future__ import annotations
 import io
 import os
 import pty
+import select
+import threading
 import tty
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
 from drivers.genicam import aravis
 from drivers.ptp import usb_port
 from drivers.serial_shutter import look
+from drivers.virtual_camera import VirtualUsb
 from pdcd.bench.config import load_config
 from pdcd.calibration.light import metering
+from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
-from tests import x11_rig
+from pdcd.protocol.request import CaptureRequest
+from tests import whole_rig, x11_rig
 from tests.xserver import QUARTER, XServer, run
 
 BENCH = (1920, 1080), (1600, 1200)
@@ -27,8 +32,25 @@ SMALL = (480, 270), QUARTER[1]
 """A quarter of that, which the processor draws in time."""
 
 
+class Adapter(NamedTuple):
+    """A serial adapter: its port, and the far end of its wire."""
+
+    port: str
+    far: int
+
+
+class Terminal(io.StringIO):
+    """Somebody who types these lines."""
+
+    def __init__(self, *lines: str) -> None:
+        super().__init__("".join(f"{line}\n" for line in lines))
+
+    def isatty(self) -> bool:
+        return True
+
+
 @pytest.fixture
-def adapter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+def adapter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Adapter]:
     """The only device of a machine: an adapter, whose far end nobody answers on."""
     ours, theirs = pty.openpty()
     tty.setraw(theirs)
@@ -45,7 +67,7 @@ def adapter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
         monkeypatch.setenv(variable, str(tmp_path / variable))
     monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
     monkeypatch.setenv("LP_NUM_THREADS", "0")
-    yield name
+    yield Adapter(name, ours)
     os.close(ours)
     os.close(theirs)
 
@@ -64,7 +86,7 @@ def photograph(folder: Path) -> None:
 @pytest.mark.parametrize("sizes", [SMALL, BENCH])
 def test_from_nothing_to_a_photo(
     sizes: Any,
-    adapter: str,
+    adapter: Adapter,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -75,9 +97,9 @@ def test_from_nothing_to_a_photo(
         monkeypatch.setenv("DISPLAY", server.display)
         assert main(["init", "--yes", "--camera", "virtual"]) == 0
         said = " ".join(capsys.readouterr().out.split())
-        assert adapter in said and "nothing to mend" in said
+        assert adapter.port in said and "nothing to mend" in said
         part = f"{sizes[0][1] * 4 // 3} x {sizes[0][1]}"
-        assert part in said and "pdcd calibrate --local" in said
+        assert part in said and "pdcd calibrate geometry --local" in said
         photograph(tmp_path / "runs")
         told = capsys.readouterr().out
         assert "RMS error" in told and "passed over" not in told
@@ -87,7 +109,7 @@ def test_from_nothing_to_a_photo(
 
 
 def test_what_cannot_be_seen_is_asked(
-    adapter: str,
+    adapter: Adapter,
     x_quarter: XServer,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -98,12 +120,7 @@ def test_what_cannot_be_seen_is_asked(
     monkeypatch.setenv("DISPLAY", x_quarter.display)
     # The outputs the other way round, by number and by name; a box, by bytes; no camera yet.
     answers = ["2", x_quarter.projector, "7", "none", "2", "command", "FF 01", "FF 00"]
-
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    monkeypatch.setattr("sys.stdin", Terminal("\n".join(answers) + "\n"))
+    monkeypatch.setattr("sys.stdin", Terminal(*answers))
     assert main(["init"]) == 0
     printed = capsys.readouterr()
     assert "Which output is the projector?" in printed.err
@@ -112,16 +129,52 @@ def test_what_cannot_be_seen_is_asked(
     assert config.projector.size_px == x_quarter.mask_px
     assert config.display.options["projector"] == x_quarter.mask
     assert config.trigger.options == {
-        "port": adapter, "release": "command", "open_hex": "FF 01", "close_hex": "FF 00",
+        "port": adapter.port, "release": "command", "open_hex": "FF 01", "close_hex": "FF 00",
     }  # fmt: skip
-    assert f"release: the box on {adapter}" in printed.out
+    assert f"release: the box on {adapter.port}" in printed.out
     assert "plug in a camera" in printed.out
-    monkeypatch.setattr("sys.stdin", Terminal(""))
+    monkeypatch.setattr("sys.stdin", Terminal())
     assert main(["init"]) == 2
     assert "say --yes" in capsys.readouterr().err
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     assert main(["init", "--out", str(tmp_path / "none")]) == 2
     assert not (tmp_path / "none").exists()
+
+
+def press_as_told(far: int, usb: VirtualUsb, stop: threading.Event) -> None:
+    """The box: its bytes press and let go of the camera's release."""
+    while not stop.is_set():
+        if select.select([far], [], [], 0.05)[0]:
+            for level in os.read(far, 64).replace(b"\xff", b""):
+                with usb._lock:
+                    (usb.body.press if level else usb.body.release)()
+
+
+def test_a_box_on_the_port_opens_the_shutter(
+    adapter: Adapter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr("pdcd.setup.find.DRM", tmp_path)
+    monkeypatch.setattr("sys.stdin", Terminal(adapter.port, "command", "FF 01", "FF 00"))
+    assert main(["init", "--camera", "virtual"]) == 0
+    engine, stop = Engine.from_config(load_config()), threading.Event()
+    usb = whole_rig.usb_of(engine)
+    box = threading.Thread(target=press_as_told, args=(adapter.far, usb, stop))
+    box.start()
+    try:
+        engine.start()
+        result = engine.capture(
+            CaptureRequest(goal="white", codes=4),
+            job="20260101T000000Z-0001",
+            emit=lambda _: None,
+            cancelled=lambda: False,
+        )
+        assert result.state == "done", result.error
+    finally:
+        engine.stop()
+        stop.set()
+        box.join()
+    assert usb.body.shutter.opened >= 1
 
 
 @pytest.mark.usefixtures("adapter")
