@@ -103,7 +103,7 @@ def match_timings(
     Each keeps the size of its best mode. The projector's clock is moved to the mask's rate, by
     `CLOCK_TOLERANCE` at most. None where the panels have no such modes.
     """
-    found = []
+    found: list[tuple[int, float, int, tuple[VideoTiming, VideoTiming]]] = []
     for first, second in product(_of_own_size(projector), _of_own_size(mask)):
         ratio = second.refresh_hz / first.refresh_hz
         clock = round(first.clock_khz * ratio)

@@ -71,7 +71,7 @@ def test_what_counts_refreshes_is_not(tmp_path: Path, on_miss: str, step: StepNa
     rig = RigConfig(on_miss=on_miss, retries=0)  # type: ignore[arg-type]
     _, result, _ = measure(tmp_path, (step,), rig=rig, display=SLOW, placed=True)
     assert result.state == "failed" and result.error is not None
-    assert result.error["kind"] == "sync" and "was spoilt 1 times" in result.error["message"]
+    assert result.error["kind"] == "sync" and "was spoilt 1 times" in str(result.error["message"])
 
 
 @pytest.mark.parametrize(
@@ -81,5 +81,5 @@ def test_a_frame_that_is_too_small_for_a_later_step_is_told_of_before_the_first(
     tmp_path: Path, quads: tuple[int, int], told: str
 ) -> None:
     _, result, photos = measure(tmp_path, (), quads=quads)
-    assert result.error is not None and told in result.error["message"], result.error
+    assert result.error is not None and told in str(result.error["message"]), result.error
     assert "camera.frame_quads" in str(result.error["hint"]) and photos <= 1
