@@ -21,6 +21,8 @@ from pdcd.protocol.result import CaptureResult
 from pdcd.words import StepName
 from tests.e2e.calibration import steps_rig
 
+pytestmark = pytest.mark.whole
+
 TRUTH = "[mask.place]\nturn_deg = 1.0\nscale = 1.04\n[camera.place]\nscale = 1.08\n"
 SLOW = DisplayConfig(faults=FaultsConfig(late={str(row): 1 for row in range(5, 300, 7)}))
 """Of seven refreshes one comes late, in every exposure."""

@@ -81,9 +81,11 @@ def photograph(folder: Path) -> None:
     assert main(captured) == 0
 
 
-@pytest.mark.long
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("sizes", [SMALL, BENCH])
+@pytest.mark.parametrize(
+    "sizes",
+    [pytest.param(SMALL, marks=pytest.mark.whole), pytest.param(BENCH, marks=pytest.mark.long)],
+)
 def test_from_nothing_to_a_photo(
     sizes: Any,
     adapter: Adapter,
