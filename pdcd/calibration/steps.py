@@ -34,6 +34,8 @@ STEP_SCRIPTS: Mapping[str, str] = MappingProxyType(
 """Each step's script, "module:function" below this package; docs/calibration.md tells of them."""
 AT_WISH = frozenset({"response", "focus", "disparity"})
 """Steps that are no part of a whole calibration."""
+_BY_BLOCKS = frozenset({"sensor", "light"})
+"""Steps that look at blocks of a photo."""
 METER = "meter"
 """What comes before all others."""
 GOES_BY: Mapping[str, frozenset[str]] = MappingProxyType(
@@ -78,7 +80,8 @@ def check_frame_size(
     from pdcd.calibration.geometry.geometry_step import check_dots_in_frame
     from pdcd.calibration.photo import check_blocks_in_frame
 
-    check_blocks_in_frame(frame)
+    if not _BY_BLOCKS.isdisjoint(names):
+        check_blocks_in_frame(frame)
     if "geometry" in names:
         check_dots_in_frame(session, frame)
 

@@ -172,7 +172,7 @@ class CalibrationStudy:
         }
         if session.f_number is not None:
             self.settings["f_number"] = session.f_number
-        if session.camera.frame_quads is not None:
+        if self.steps and session.camera.frame_quads is not None:
             self._check_frame(session.camera.frame_quads[::-1])
         self.script = start_step_script(step, session)
         return self._go_on(None)

@@ -363,5 +363,7 @@ def test_a_late_refresh_makes_a_still_photo_lighter_and_spoils_no_other(
     primal: list[int], dual: list[int], lasts: list[int], level: float | None
 ) -> None:
     patterns = np.ones((1, 2, 3), np.bool_)
-    shown = PanelSequence("a", patterns, patterns, np.int32(primal), np.int32(dual))
+    shown = PanelSequence(
+        "a", patterns, patterns, np.array(primal, np.int32), np.array(dual, np.int32)
+    )
     assert measure_still_level(pack_frames(shown), log_of(range(6), lasts), HZ) == level
