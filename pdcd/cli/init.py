@@ -20,7 +20,7 @@ from pdcd.errors import ConfigError
 from pdcd.setup.facts import MOCK, OWN_RELEASE, VIRTUAL, BenchChoices, BenchFacts
 from pdcd.setup.files import CONFIG, INSTALL, make_bench_files, write_beside
 from pdcd.setup.find import find_bench_facts
-from pdcd.setup.propose import BenchProposal, suggest_bench, suggest_choices
+from pdcd.setup.propose import BenchProposal, describe_panel, suggest_bench, suggest_choices
 
 _TYPED = "projector", "mask", "camera", "release"
 _MOVES = "open", "close"
@@ -48,8 +48,10 @@ def prepare_bench(args: argparse.Namespace) -> int:
     files = make_bench_files(made, folder)
     for name, text in files.items():
         say_text(f"{folder / name}: {write_beside(folder / name, text)}")
+    if made.plug:
+        say("what goes where:")
     for text in made.plug:
-        say_text(f"plug in: {text}")
+        say_text(f"- {text}")
     return _say_left(made, folder)
 
 
@@ -62,18 +64,20 @@ def _find_folder(out: Path | None) -> Path:
 
 
 def _say_facts(facts: BenchFacts) -> None:
-    rows = [["output", str(output)] for output in facts.outputs]
+    rows = [["output", describe_panel(output)] for output in facts.outputs]
     rows += [["camera", f"{camera.words}: {camera.key}"] for camera in facts.cameras]
     rows += [["serial port", port.path] for port in facts.ports]
     missing = (("output", facts.outputs), ("camera", facts.cameras), ("serial port", facts.ports))
     rows += [[what, "none found"] for what, found in missing if not found]
     say_table(rows)
+    for text in facts.notes:
+        say_text(f"note: {text}")
 
 
 def _ask_all(facts: BenchFacts, chosen: BenchChoices, typed: dict[str, str | None]) -> BenchChoices:
     """What cannot be seen from here, asked at the terminal; what was typed already is not."""
     answers: dict[str, str | None] = dict(typed)
-    outputs = {output.name: str(output) for output in facts.outputs}
+    outputs = {output.name: describe_panel(output) for output in facts.outputs}
     for role in ("projector", "mask"):
         if typed[role] is None and len(outputs) > 1:
             proposed = getattr(suggest_choices(facts, answers), role)
@@ -161,7 +165,8 @@ def _list_steps(made: BenchProposal, folder: Path, bad: Sequence[Finding]) -> It
         )
     elif made.port is not None or made.tables.get("camera", {}).get("driver") == "ptp":
         yield f"for rights on devices, or for the service, say: sudo sh {folder / INSTALL}"
-    yield from (f"{f.what}: {f.hint or f.found}" for f in bad if made.modes is None)
+    waits = {"X server"} if made.modes is not None else set()
+    yield from (f"{f.what}: {f.hint or f.found}" for f in bad if f.what not in waits)
     config = "" if folder == _find_folder(None) else f" --config {folder / CONFIG}"
     where = f" --socket {_SOCKET}" if made.modes is not None else f" --local{config}"
     # What counts refreshes cannot be measured where the processor draws.

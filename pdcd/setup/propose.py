@@ -108,10 +108,18 @@ def _is_beam(output: Output) -> bool:
     return any(word in said for word in _BEAMS)
 
 
+def describe_panel(output: Output) -> str:
+    """An output in words; one that no server shows by the best of its modes."""
+    if output.on or not output.timings:
+        return str(output)
+    width, height = output.timings[0].size
+    return f"{output.name}{f' ({output.edid})' if output.edid else ''}: {width} x {height}"
+
+
 def suggest_bench(facts: BenchFacts, chosen: BenchChoices) -> BenchProposal:
     """The bench of these choices. Where there are no two panels or no camera yet, mock ones stand
     in their place, and `left` says so."""
-    made = BenchProposal(left=list(facts.notes))
+    made = BenchProposal()
     if chosen.projector:
         by_name = {output.name: output for output in facts.outputs}
         _add_panels(made, facts, (by_name[chosen.projector], by_name[chosen.mask]))
@@ -135,9 +143,9 @@ def _add_panels(made: BenchProposal, facts: BenchFacts, pair: tuple[Output, Outp
         options[role] = own[0] if own else output.name
         if own:
             made.notes["display", "options", role] = f"serial number; it is on {output.name}"
-        made.plug.append(f"{role}: {output.name}{f' ({output.edid})' if output.edid else ''}")
+        made.plug.append(f"{role}: {describe_panel(output)}")
     made.plug.append(
-        "mount the mask turned by 180 degrees if a lens between mask and scene turns its picture"
+        "the mask is mounted upside down where a lens between it and the scene turns its picture"
     )
     options["display"] = facts.server or SERVER
     made.put("display", driver="x11", options=options)

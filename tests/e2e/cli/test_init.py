@@ -24,6 +24,7 @@ from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.protocol.request import CaptureRequest
 from tests import whole_rig, x11_rig
+from tests.unit.setup import bench_facts
 from tests.xserver import QUARTER, XServer, run
 
 BENCH = (1920, 1080), (1600, 1200)
@@ -194,6 +195,25 @@ def test_a_machine_without_panels_gets_a_mock_bench_that_works(
     assert "what was there is now pdcd.toml.old" in said
     assert old.with_name("pdcd.toml.old").read_text() == "# mine\n"
     assert main(["config", "check"]) == 0
+
+
+@pytest.mark.usefixtures("adapter")
+def test_a_desk_is_told_how_its_panels_become_a_service(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    facts = bench_facts.desk(cameras=(bench_facts.EOS,), notes=("no Aravis",))
+    monkeypatch.setattr("pdcd.cli.init.find_bench_facts", lambda _: facts)
+    monkeypatch.setattr("pdcd.setup.propose.SERVER", ":4711")  # never that of a bench
+    assert main(["init", "--yes", "--out", str(tmp_path)]) == 5
+    said = " ".join(capsys.readouterr().out.split())
+    steps = (
+        "note: no Aravis", "what goes where:", "mask: DP-1 (LM201U05, serial 77): 1600 x 1200",
+        "left to do:", f"sudo sh {tmp_path}/install.sh", "disable --now display-manager",
+        "camera: switch it on", "pdcd calibrate --socket /run/pdcd.sock",
+    )  # fmt: skip
+    at = [said.rindex(step) for step in steps]
+    assert at == sorted(at)
+    assert (tmp_path / "xorg.conf").is_file()
 
 
 def test_an_oblong_grid_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
