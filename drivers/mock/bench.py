@@ -216,7 +216,7 @@ class MockBench:
             covered=self.shared.covered,
             lights_off=self.exposures < self.truth.scene.ambient_from,
         )
-        if not self.shared.moving:
+        if not self.shared.moving or not len(log):
             return optics.photo(exposure)
         # The panels were not black at the opening: all since they were, less what came before.
         start_ns = min(open_ns, int(log.primal_ns[0]), int(log.dual_ns[0]))

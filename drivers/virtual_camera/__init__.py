@@ -12,6 +12,7 @@ from pdcd.driver import DriverContext
 
 from ..ptp.codes import APERTURE_CODES, ISO_CODES
 from .body import CameraBody
+from .develop import develop_after
 from .faults import FaultScript, ScriptedFault
 from .films import BenchFilm, PlainFilm, make_chart_film
 from .model import (
@@ -58,7 +59,15 @@ def make_bench_backend(
     if fixed != "auto" and float(fixed) not in {APERTURE_CODES[code] for code in stops}:
         stops = ()
     fitted = replace(model, isos=isos, apertures=stops)
-    body = CameraBody(context.clock, film, fitted, script, finder=film.make_finder_jpeg)
+    shared, on_mock = context.shared, context.config.display.driver == "mock"
+
+    def shows() -> bool:
+        """Whether other panels still show what a shutter that moves is to see."""
+        nothing = shared.played is None and shared.exposed_ns is None
+        return shared.moving and nothing and not on_mock
+
+    develop, finder = develop_after(shows), film.make_finder_jpeg
+    body = CameraBody(context.clock, film, fitted, script, develop=develop, finder=finder)
     return VirtualUsb(body)
 
 

@@ -23,6 +23,26 @@ def develop_at_once(make: Callable[[], bytes]) -> Future[bytes]:
     return made
 
 
+class _LaterFile(Future[bytes]):
+    """A file that is made when somebody asks whether it is there, and nothing is waited for."""
+
+    def __init__(self, make: Callable[[], bytes], waits: Callable[[], bool]) -> None:
+        super().__init__()
+        self._make, self._waits = make, waits
+
+    def done(self) -> bool:
+        """Whether it is there. Raises what making it raises."""
+        if not super().done() and not self._waits():
+            self.set_result(self._make())
+        return super().done()
+
+
+def develop_after(waits: Callable[[], bool]) -> Develop:
+    """Make files at once, or while `waits()` as soon as that is over and somebody asks: what panels
+    show to a shutter that moves meanwhile is known only when they have shown it."""
+    return lambda make: _LaterFile(make, waits)
+
+
 @contextmanager
 def start_developer() -> Iterator[Develop]:
     """Make files in one thread, in turn; the end waits for the one that is being made."""
