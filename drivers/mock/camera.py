@@ -1,4 +1,4 @@
-"""A Bayer camera that integrates the bench's scene and writes a real DNG."""
+"""A camera that integrates the bench's scene and writes a real DNG."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from pdcd.driver import (
     write_dng,
 )
 from pdcd.sensor.dng import encode_dng
-from pdcd.sensor.profile import IsoRow, SensorProfile, expose_sensor
+from pdcd.sensor.profile import IsoRow, SensorProfile, expose_sensor, weigh_colours
 
 from .bench import MockBench, check_no_options
 
@@ -59,6 +59,7 @@ class _Tags(TypedDict):
     model: str
     date: datetime
     as_shot_neutral: tuple[float, float, float]
+    cfa: str | None
 
 
 _Photo = tuple[NDArray[np.uint16], _Tags]
@@ -66,7 +67,8 @@ _Photo = tuple[NDArray[np.uint16], _Tags]
 
 
 class BenchSensor:
-    """The sensor on the bench: all four samples of a Bayer quad see the light of the quad.
+    """The sensor on the bench: all four samples of a Bayer quad see the light of the quad. Where
+    the profile has no colours, one sample is in its place.
 
     Models the noise of `pdcd.sensor.profile`, and where the bench has a truth its factors on that,
     and samples that are not equally sensitive; not models optical black borders and hot pixels.
@@ -80,13 +82,15 @@ class BenchSensor:
         # The body as typed, whatever was measured since; and as it is.
         self.profile = load_profile(bench.true.camera.profile)
         self._true = make_true_profile(self.profile, bench.truth.sensor)
-        self.responsivity_e = responsivity_e(bench.typed.camera)
-        self._true_responsivity_e = responsivity_e(bench.true.camera)
+        colours = self.profile.colours
+        self.cfa = "RGGB" if colours == 3 else None
+        self.responsivity_e = responsivity_e(bench.typed.camera, colours)
+        self._true_responsivity_e = responsivity_e(bench.true.camera, colours)
         self._rng = np.random.default_rng([config.seed, 1])
 
     @property
     def frame_quads(self) -> tuple[int, int]:
-        """Width and height of its photos in Bayer quads."""
+        """Width and height of its photos in Bayer quads, or in samples without colours."""
         rows, cols = self._bench.frame
         return cols, rows
 
@@ -130,7 +134,7 @@ class BenchSensor:
 
     def _plane(self, iso: int, f_number: float) -> _Photo:
         bench = self._bench
-        light = bench.quads()
+        light = weigh_colours(bench.quads(), self.profile.colours)
         open_ns, close_ns = bench.exposed_ns()
         exposure_s = (close_ns - open_ns) * 1e-9
         electrons = self._mosaic(light * self._true_responsivity_e / self._true_stop(f_number) ** 2)
@@ -144,6 +148,7 @@ class BenchSensor:
             "model": f"pdcd mock {self.profile.name}",
             "date": datetime.now(UTC),
             "as_shot_neutral": self._neutral(),
+            "cfa": self.cfa,
         }
 
     def _true_stop(self, f_number: float) -> float:
@@ -156,11 +161,14 @@ class BenchSensor:
         return float(third) if abs(third / f_number - 1.0) <= _STOP_NEAR else f_number
 
     def _mosaic(self, quads: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(h, w, 3) of quads -> (H, W) RGGB mosaic."""
-        mosaic = np.empty((2 * quads.shape[0], 2 * quads.shape[1]))
-        mosaic[0::2, 0::2] = quads[..., 0]
-        mosaic[0::2, 1::2] = mosaic[1::2, 0::2] = quads[..., 1]
-        mosaic[1::2, 1::2] = quads[..., 2]
+        """(h, w, 3) of quads -> (H, W) RGGB mosaic; (h, w, 1) -> (h, w)."""
+        if self.cfa is None:
+            mosaic = np.array(quads[..., 0])
+        else:
+            mosaic = np.empty((2 * quads.shape[0], 2 * quads.shape[1]))
+            mosaic[0::2, 0::2] = quads[..., 0]
+            mosaic[0::2, 1::2] = mosaic[1::2, 0::2] = quads[..., 1]
+            mosaic[1::2, 1::2] = quads[..., 2]
         if self._bench.truth.sensor.prnu:
             mosaic *= self._sensitivity(mosaic.shape)
         return mosaic
@@ -173,7 +181,7 @@ class BenchSensor:
         return np.asarray(np.maximum(1.0 + sigma * wobble, 0.0), dtype=np.float32)
 
     def _neutral(self) -> tuple[float, float, float]:
-        red, green, blue = self.responsivity_e / self.responsivity_e.max()
+        red, green, blue = np.broadcast_to(self.responsivity_e / self.responsivity_e.max(), 3)
         return float(red), float(green), float(blue)
 
 
@@ -221,6 +229,7 @@ class MockReadout:
             f_numbers=self._f_numbers,
             frame_quads=self._sensor.frame_quads,
             readout_s=0.0,
+            cfa=self._sensor.cfa,
         )
 
     @property

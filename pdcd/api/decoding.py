@@ -26,11 +26,11 @@ from pdcd.words import NormaliseName
 class DecodingResult:
     """What came out.
 
-    image, sigma : (rows, cols, 3) float64
+    image, sigma : (rows, cols, C) float64; C is 3, or 1 of a camera without colours
         As of the run: means over the cells, scene units.
     sigma_kind : "measured", "sensor" or "whole" (`pdcd.api.run.Run.sigma_kind`).
     rms_sigma : RMS sigma over RMS image, on the camera's quads; infinite where that is not known.
-    pictures : by name, each with `.image` and `.sigma`, (h, w, 3), a pixel for each of the camera's
+    pictures : by name, each with `.image` and `.sigma`, (h, w, C), a pixel for each of the camera's
         quads, and the two parts of sigma, `.sensor` and `.code`.
     """
 

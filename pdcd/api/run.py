@@ -138,8 +138,9 @@ class Run:
 
     @cached_property
     def image(self) -> Floats:
-        """The picture that was asked for, means over the cells, (rows, cols, 3) float64, linear, in
-        scene units, signed. 0 where the camera does not see a cell."""
+        """The picture that was asked for, means over the cells, (rows, cols, 3) float64, or
+        (rows, cols, 1) of a camera without colours, linear, in scene units, signed. 0 where the
+        camera does not see a cell."""
         return np.asarray(self._probe["image"])
 
     @cached_property
@@ -167,8 +168,8 @@ class Run:
 
     @cached_property
     def pictures(self) -> Mapping[str, NDArray[np.float32]]:
-        """All pictures by name, such as "direct", each (h, w, 3) float32 in the camera's own
-        geometry, a pixel for each quad of the sensor; linear, in scene units."""
+        """All pictures by name, such as "direct", each (h, w, 3) float32, or (h, w, 1), in the
+        camera's own geometry, a pixel for each quad of the sensor; linear, in scene units."""
         return _Pictures(self)
 
     @cached_property
@@ -275,9 +276,14 @@ class Run:
     @cached_property
     def _probe(self) -> dict[str, NDArray[Any]]:
         found = read_stored_arrays(self.checked(PROBE))
-        if any(found[n].shape != (*self.grid, 3) for n in ("image", "sigma") if n in found):
+        shape = *self.grid, self._colours
+        if any(found[n].shape != shape for n in ("image", "sigma") if n in found):
             raise DecodeError(f"{PROBE} is not over the run's cells", hint="see pdcd verify")
         return found
+
+    @property
+    def _colours(self) -> int:
+        return len(self.manifest.run.responsivity_e)
 
     def _number(self, name: str) -> float | None:
         found = self.summary.get(name)

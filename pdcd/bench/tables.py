@@ -195,8 +195,11 @@ class CameraConfig(_Table, frozen=True):
     frame_quads: tuple[_Quads, _Quads] | None = None
     """Mock only: width and height of the frame in Bayer quads, whatever the cells; None: by
     `quads_per_cell`."""
-    responsivity_e: tuple[PositiveFloat, PositiveFloat, PositiveFloat] | None = None
-    """Electrons per scene unit and second at f/1 (R, G, B); None: the mock's own."""
+    responsivity_e: (
+        Annotated[tuple[PositiveFloat, ...], Meta(min_length=1, max_length=3)] | None
+    ) = None
+    """Electrons per scene unit and second at f/1 (R, G, B), or one number for a sensor without
+    colours; None: the mock's own."""
     stops: Annotated[tuple[Stop, ...], Meta(max_length=128)] = ()
     """Stops of the lens whose light a calibration compared; others are taken for 2^(k/6)."""
     place: Placing = field(default_factory=Placing)

@@ -120,7 +120,9 @@ class TrueSensor(_Table, frozen=True):
     read_noise: PositiveFloat = 1.0
     dark: PositiveFloat = 1.0
     full_well: PositiveFloat = 1.0
-    responsivity_e: tuple[PositiveFloat, PositiveFloat, PositiveFloat] | None = None
+    responsivity_e: (
+        Annotated[tuple[PositiveFloat, ...], Meta(min_length=1, max_length=3)] | None
+    ) = None
     """As `camera.responsivity_e`; None: as typed."""
     stops: tuple[Stop, ...] = ()
     """What stops let through, where that is not 2^(k/6); as `camera.stops`, without sigma."""

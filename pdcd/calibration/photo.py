@@ -6,8 +6,9 @@ once, for all steps that work on the light of whole panels.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -16,9 +17,10 @@ from numpy.typing import NDArray
 from pdcd.arrays import Floats
 from pdcd.errors import CalibrationError
 from pdcd.sensor.profile import SensorProfile
-from pdcd.sensor.raw import RawFrame, compute_rgb_variance, to_rgb
+from pdcd.sensor.raw import RawFrame, compute_colour_variance, to_colours
 
 _Marks = NDArray[np.bool_]
+_OfColour = TypeVar("_OfColour")
 
 BLOCK_QUADS = 16
 SMALL_FRAME_HINT = "set the camera to full-size RAW; of a mock bench, set camera.frame_quads"
@@ -37,9 +39,10 @@ _BULB_S = 1.5
 class QuadPhoto:
     """One photo, or the mean of some.
 
-    light : (h, w, 3) float64, red, mean of both greens, blue of each Bayer quad, black level taken
-        off, in DN or any other unit that goes with the light.
-    variance : (h, w, 3), of the same, in that unit squared.
+    light : (h, w, 3) float64, red, mean of both greens, blue of each Bayer quad, or (h, w, 1) of a
+        sensor without colours; black level taken off, in DN or any other unit that goes with the
+        light.
+    variance : (h, w, C), of the same, in that unit squared.
     saturated : (h, w) bool, quads with a sample at its upper end; None where that is not known.
     """
 
@@ -48,8 +51,8 @@ class QuadPhoto:
     saturated: _Marks | None = None
 
     def __post_init__(self) -> None:
-        if self.light.ndim != 3 or self.light.shape[2] != 3:
-            raise ValueError(f"a photo is (h, w, 3), not {self.light.shape}")
+        if self.light.shape[2:] not in ((3,), (1,)):
+            raise ValueError(f"a photo is (h, w, 3 or 1), not {self.light.shape}")
         if self.variance.shape != self.light.shape:
             raise ValueError("light and variance of a photo differ in shape")
         if self.saturated is not None and self.saturated.shape != self.light.shape[:2]:
@@ -59,6 +62,26 @@ class QuadPhoto:
     def frame(self) -> tuple[int, int]:
         """Rows and columns of quads."""
         return self.light.shape[0], self.light.shape[1]
+
+    @property
+    def colours(self) -> int:
+        """3, or 1 of a sensor without colours."""
+        return int(self.light.shape[2])
+
+    @property
+    def main(self) -> Floats:
+        """(h, w), light of the colour by which things are found (`pick_main`)."""
+        return np.asarray(self.light[..., self.colours // 2])
+
+    @property
+    def main_variance(self) -> Floats:
+        """(h, w), of the same."""
+        return np.asarray(self.variance[..., self.colours // 2])
+
+    @property
+    def shares(self) -> Floats:
+        """(C,), of the samples of a quad that have each colour."""
+        return np.array([0.25, 0.5, 0.25] if self.colours == 3 else [1.0])
 
     def saturated_share(self, where: _Marks | None = None) -> float:
         """Share of saturated quads, of those marked or of all; 0 where that is not known."""
@@ -72,7 +95,7 @@ class QuadPhoto:
 class BlockMeans:
     """Means over square blocks of a photo.
 
-    mean, variance : (rows, cols, 3) float64, the mean light of a block and the variance of that.
+    mean, variance : (rows, cols, C) float64, the mean light of a block and the variance of that.
     clipped : (rows, cols) float64, share of saturated quads.
     """
 
@@ -97,12 +120,18 @@ class RawSettings:
         return cls(raw.iso, raw.exposure_s, raw.f_number, black)
 
 
+def pick_main(of_colours: Sequence[_OfColour]) -> _OfColour:
+    """That of the colour by which things are found: green, which has most samples, or the only
+    one."""
+    return of_colours[len(of_colours) // 2]
+
+
 def make_quad_photo(raw: RawFrame, profile: SensorProfile, iso: int) -> QuadPhoto:
     """A decoded photo as its quads in DN, variances by the sensor's noise model. Raises ConfigError
     when the profile has no such ISO."""
     signal = raw.planes
-    variance = compute_rgb_variance(signal, profile, iso, raw.exposure_s)
-    return QuadPhoto(to_rgb(signal), np.asarray(variance, np.float64), raw.saturated)
+    variance = compute_colour_variance(signal, profile, iso, raw.exposure_s)
+    return QuadPhoto(to_colours(signal), np.asarray(variance, np.float64), raw.saturated)
 
 
 def shrink_marks(marks: _Marks) -> _Marks:

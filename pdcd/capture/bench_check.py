@@ -26,6 +26,7 @@ from pdcd.sensor.fit import check_frame_fit, measure_frame_fit
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import RawFrame, RawHead, read_raw, read_raw_head
 
+_COLOURS, _UNITS = {1: "no colours", 3: "colours"}, {1: "pixels", 3: "quads"}
 _DAY = 1.0
 _SESSION_DAYS = 1.0 / 24.0
 """A check that is so old is none of this session's, with `check = "always"`."""
@@ -54,9 +55,17 @@ class FrameCheck:
             self._check((height, width))
 
     def saw(self, file: str, head: RawHead) -> None:
-        """One more photo came. Raises ConfigError when the first one does not fit the field, and
-        ExposureError for one that is unlike the first."""
+        """One more photo came. Raises ConfigError when the first one does not fit the field or the
+        sensor, and ExposureError for one that is unlike the first."""
         if self._first is None:
+            if head.colours != self.camera.colours:
+                verb = "with" if head.colours == 1 else "without"
+                raise ConfigError(
+                    f"{file} has {_COLOURS[head.colours]}, {_COLOURS[self.camera.colours]} were "
+                    f"expected of a camera with sensor profile {self.camera.profile}",
+                    device="camera",
+                    hint=f"choose a camera.profile {verb} mono = true",
+                )
             told = self.camera.frame_quads
             if told is not None and told != head.frame[::-1]:
                 self.journal.warn(
@@ -122,7 +131,11 @@ def examine_frame(config: Config, raw: Path | None) -> Iterator[Finding]:
         else:
             head, photo = read_raw_head(raw), read_raw(raw)
             frame = photo.frame
-            yield Finding("frame", "good", f"{_size(head)} quads, of {head.model or raw.name}")
+            yield Finding(
+                "frame",
+                "good",
+                f"{_size(head)} {_UNITS[head.colours]}, of {head.model or raw.name}",
+            )
             yield Finding("orientation", "good", f"{head.turned}; not followed, see [camera.place]")
             rows, columns = head.masked
             border = f"{rows} rows and {columns} columns beyond the picture"
@@ -144,8 +157,9 @@ def _examine_levels(photo: RawFrame) -> Iterator[Finding]:
     """What black and white of a decoded photo are, and what is odd about them."""
     black = ", ".join(f"{level:.6g}" for level in photo.black)
     source = photo.exif()["black_from"]
-    found = f"black {black} DN by the {source}, white {photo.white:g} DN, mosaic {photo.pattern}"
-    yield Finding("levels", "good", found)
+    found = f"black {black} DN by the {source}, white {photo.white:g} DN"
+    mosaic = f"mosaic {photo.pattern}" if photo.pattern else "no colours"
+    yield Finding("levels", "good", f"{found}, {mosaic}")
     for doubt in photo.doubts:
         yield Finding("levels in doubt", "warning", doubt, "see that it is the camera's own file")
 

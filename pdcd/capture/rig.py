@@ -45,6 +45,7 @@ from pdcd.panels.schedule import build_frames
 from pdcd.printable import keep_standard_streams
 from pdcd.protocol.events import Emit, ShotArmed, ShutterClosed, ShutterOpen
 from pdcd.sensor.dng import CFAS, keep_photo
+from pdcd.sensor.profile import load_profile
 from pdcd.virtual.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -195,16 +196,28 @@ class Rig:
         """What a driver says of its camera, with what the configuration knows of it: that was
         measured, or typed by somebody, and a driver may only guess.
 
-        Raises ConfigError for a sensor whose photos cannot be read."""
-        if camera.cfa not in CFAS:
-            sensor = "no colours" if camera.cfa is None else f"a mosaic {camera.cfa}"
+        Raises ConfigError for a sensor whose photos cannot be read, or whose answer to light has
+        another number of colours."""
+        if load_profile(self.config.camera.profile).colours == 1:
+            camera = replace(camera, cfa=None)
+        if camera.cfa not in (None, *CFAS):
             raise ConfigError(
-                f"{camera.model} has a sensor with {sensor}, which cannot be read yet",
+                f"{camera.model} has a sensor with a mosaic {camera.cfa}, which cannot be read",
                 device="camera",
-                hint=f"use a camera with a Bayer mosaic: {', '.join(CFAS)}",
+                hint=f"use a camera without colours, or with a Bayer mosaic: {', '.join(CFAS)}",
             )
-        known = self.config.camera.responsivity_e
-        return camera if known is None else replace(camera, responsivity_e=np.array(known))
+        known, colours = self.config.camera.responsivity_e, 1 if camera.cfa is None else 3
+        light = camera.responsivity_e if known is None else np.array(known)
+        if known is None and colours == 1:  # of a driver that tells of three filters
+            light = light.sum(keepdims=True)
+        if light.size != colours:
+            raise ConfigError(
+                f"camera.responsivity_e has {light.size} numbers, and {camera.model} "
+                f"{colours} {'colours' if colours > 1 else 'colour'}",
+                device="camera",
+                hint="give one number for each, or remove it and calibrate light",
+            )
+        return replace(camera, responsivity_e=light)
 
     def cover(self, covered: bool) -> None:
         """Cover the projector's lens, or uncover it, for the exposures to come: of a mock bench. Of

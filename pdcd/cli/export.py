@@ -67,9 +67,8 @@ def _say(file: ExportedFile, where: str) -> None:
     if file.span is not None:
         black, white = file.span
         say(f"  black is {black:g}, white is {white:g} scene units")
-        total = 3 * width * height
         for count, words in ((file.below, "below black"), (file.above, "above white")):
             if count:
-                say(f"  clipped: {count} values {words}, {100.0 * count / total:.2g} %")
+                say(f"  clipped: {count} values {words}, {100.0 * count / file.values:.2g} %")
     if file.unknown:
         say(f"  not known: {file.unknown} values")

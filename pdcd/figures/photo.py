@@ -86,6 +86,7 @@ def _beside_truth(run: Run, optics: OpticalBench, mode: FigureMode, heard: _Hear
     """A run beside what it would be, were it perfect, of the bench that it was taken of."""
     record = run.manifest.run
     recipe, cells = Darkroom(run.folder, record).recipe, record.cells
+    colours = len(record.responsivity_e)
     if cells is None:
         raise PdcdError(f"{run.folder} does not say where its cells are")
     sampler = FieldSampler(
@@ -95,7 +96,7 @@ def _beside_truth(run: Run, optics: OpticalBench, mode: FigureMode, heard: _Hear
     kept = {}
     if TRUTH in run.manifest.files:
         kept[recipe.answer_name] = read_known_answer(run.checked(TRUTH).parent, cells).image
-    for name, truth in compute_true_pictures(recipe, optics, heard, kept).items():
+    for name, truth in compute_true_pictures(recipe, optics, heard, kept, colours=colours).items():
         image = run.pictures[name]
         known = np.isfinite(image).all(axis=-1) & cells.known
         pictures[name] = _on_field(sampler, image, known)
@@ -112,7 +113,7 @@ def _transport(run: Run, scene: Scene) -> tuple[NDArray[Any] | None, NDArray[Any
     data = read_stored_arrays(run.checked(TRANSPORT))
     found = np.where(np.isfinite(data["sigma"]), data["transport"], np.nan)
     seen, lit = data["camera_cells"], data["projector_cells"]
-    return found, compute_true_entries(scene, seen, lit)
+    return found, compute_true_entries(scene, seen, lit, colours=found.shape[2])
 
 
 def _on_field(sampler: FieldSampler, image: NDArray[Any], known: NDArray[np.bool_]) -> NDArray[Any]:

@@ -18,7 +18,7 @@ _STRIP_BYTES = 8192
 """A strip has as many rows as fit into that, at least one."""
 _SHORT, _LONG = 3, 4
 _SIZES = {_SHORT: 2, _LONG: 4}
-_RGB, _FLOAT = 2, 3
+_GREY, _RGB, _FLOAT = 1, 2, 3
 _UNCOMPRESSED, _INTERLEAVED = 1, 1
 _HEADER_BYTES = 8
 _JPEG_QUALITY = 85
@@ -28,7 +28,7 @@ say anything."""
 
 
 def make_tiff_ends(image: NDArray[np.float32]) -> tuple[bytes, bytes]:
-    """What a file has before and after the numbers of an (h, w, 3) float32 picture."""
+    """What a file has before and after the numbers of an (h, w, 3) or (h, w, 1) float32 picture."""
     height, width, channels = image.shape
     row_bytes = width * channels * 4
     rows = min(max(_STRIP_BYTES // row_bytes, 1), height)
@@ -42,7 +42,7 @@ def make_tiff_ends(image: NDArray[np.float32]) -> tuple[bytes, bytes]:
         (257, _SHORT if height < 2**16 else _LONG, [height]),
         (258, _SHORT, [32] * channels),
         (259, _SHORT, [_UNCOMPRESSED]),
-        (262, _SHORT, [_RGB]),
+        (262, _SHORT, [_RGB if channels == 3 else _GREY]),
         (273, _LONG, offsets.tolist()),
         (277, _SHORT, [channels]),
         (278, _SHORT if rows < 2**16 else _LONG, [rows]),
@@ -71,7 +71,7 @@ def _directory(entries: list[tuple[int, int, list[int]]], start: int) -> bytes:
 
 
 def encode_png(picture: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
-    """An (H, W, 3) RGB picture as the content of a PNG file of as many bits a colour."""
+    """An (H, W, 3) RGB or (H, W, 1) grey picture as the content of a PNG file of as many bits."""
     _, data = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
     return data.tobytes()
 

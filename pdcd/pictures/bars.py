@@ -78,7 +78,7 @@ def make_pictures_with_errors(
 
     shots : of the run, and sums of them. learned : of its pilot, if any. borders : what a photo of
     the light along borders of cells tells, if there is one; all parts have the same of it, and of
-    the light of the `room`, (N, 3), that a dark photo tells.
+    the light of the `room`, (N, C), that a dark photo tells.
     """
     averaged, told, coarse = None, NO_SMOOTH_MODELS, None
     by_codes: dict[str, Floats] = {}
@@ -169,7 +169,7 @@ def _with_stop_errors(
 
 
 def _more_error(picture: PictureWithErrors, error: Floats, cells: CellMap) -> PictureWithErrors:
-    """A picture with one more error (h, w, 3) that neighbours share."""
+    """A picture with one more error (h, w, C) that neighbours share."""
     code = np.hypot(picture.code, error).astype(picture.code.dtype)
     of_cells = picture.of_cells
     if of_cells is not None:
@@ -179,7 +179,7 @@ def _more_error(picture: PictureWithErrors, error: Floats, cells: CellMap) -> Pi
 
 
 def _of_cells(picture: PictureWithErrors, cells: CellMap) -> Errors:
-    """The code error of means over cells, (rows, cols, 3)."""
+    """The code error of means over cells, (rows, cols, C)."""
     if picture.of_cells is not None:
         return picture.of_cells
     return average_image(picture.code, cells).reshape(*cells.grid, -1)
@@ -207,7 +207,7 @@ def _used(recipe: Recipe, shots: Mapping[str, ExposedShot]) -> dict[str, Exposed
 def _part_images(
     recipe: Recipe, averaged: AveragedShots, photos: _Photos
 ) -> dict[str, list[Floats]]:
-    """Every picture as each part alone makes it, (rows, cols, 3) in scene units, on the quads of
+    """Every picture as each part alone makes it, (rows, cols, C) in scene units, on the quads of
     the camera that its shots are averaged for."""
     found: dict[str, list[Floats]] = {name: [] for name in recipe.pictures}
     for number in list_parts(recipe):
@@ -245,7 +245,7 @@ def add_part_errors(
 def _code_of_parts(
     seen: Picture, parts: list[Floats], grid: tuple[int, int]
 ) -> tuple[Errors, Errors]:
-    """Code error of a picture on cells by what its parts show, (rows, cols, 3); where these are of
+    """Code error of a picture on cells by what its parts show, (rows, cols, C); where these are of
     half cells, that of means over whole ones comes second."""
     code = measure_error_bars(seen, parts).code
     if seen.image.shape[0] == grid[0]:
@@ -256,7 +256,7 @@ def _code_of_parts(
 
 
 def _of_halves(image: NDArray[np.floating]) -> Floats:
-    """Means over the four pieces of each cell, (2 rows, 2 cols, 3) -> (rows, cols, 3)."""
+    """Means over the four pieces of each cell, (2 rows, 2 cols, C) -> (rows, cols, C)."""
     rows, cols = image.shape[0] // 2, image.shape[1] // 2
     return np.asarray(image.reshape(rows, 2, cols, 2, -1).mean(axis=(1, 3)), dtype=np.float64)
 
@@ -319,7 +319,7 @@ def with_beside_light(
 def combine_picture_errors(
     recipe: Recipe, photos: Mapping[str, Picture], errors: Mapping[str, Floats]
 ) -> dict[str, Floats]:
-    """Errors of photos (rows, cols, 3) -> of the pictures that are made of those, by name."""
+    """Errors of photos (rows, cols, C) -> of the pictures that are made of those, by name."""
     if not errors:
         return {}
     none = np.zeros_like(next(iter(errors.values())))
@@ -365,7 +365,7 @@ def _with_direct_light(
 def _with_photo_error(
     pictures: Mapping[str, PictureWithErrors], recipe: Recipe, photo: str, error: Errors
 ) -> dict[str, PictureWithErrors]:
-    """Of the pictures those that a photo is a part of, with its error (h, w, 3) in their code
+    """Of the pictures those that a photo is a part of, with its error (h, w, C) in their code
     error; what they know of means over cells is left out."""
     found = {}
     for name, picture in pictures.items():

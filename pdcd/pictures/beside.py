@@ -143,7 +143,7 @@ def estimate_quad_paths(
     shots: Sequence[ExposedShot], picked: QuadSample, learned: PilotFindings | None = None
 ) -> Floats:
     """Squares of the light that single quads get along each way by itself, summed over all ways,
-    (N, C): how grainy indirect light is within a cell. 0 where nothing tells.
+    (N, C): how grainy indirect light is within a cell. 0, (N, 1), where nothing tells.
 
     Photos of single codes through an open mask tell it: each is a sum of the light of all lit
     cells. Between quads that lie beside each other light of one kind changes little, and what is
@@ -154,7 +154,7 @@ def estimate_quad_paths(
     """
     grid = picked.grid
     if len(shots) < _FEWEST_SHOTS or not picked.pairs.size:
-        return np.zeros((grid[0] * grid[1], 3))
+        return np.zeros((grid[0] * grid[1], 1))
     lit_s = np.stack([shot.realised.left.mean(axis=1) @ shot.realised.right for shot in shots])
     opened = np.array([float(shot.realised.open_s.mean()) for shot in shots])
     room = opened / np.linalg.norm(opened)

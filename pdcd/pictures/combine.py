@@ -45,7 +45,7 @@ def combine_shots(
     """All pictures of a recipe, the answer first.
 
     `cells` tells which quads see which cell. `added` holds what is known to be missing from a
-    photo, (h, w, 3) in scene units.
+    photo, (h, w, C) in scene units.
 
     Each photo is divided by its own least-squares weight before photos are subtracted (erratum
     X9). Shots are independent, so variances add with the squares of their factors. Raises
@@ -86,7 +86,7 @@ def scale_photos(
     room: Floats | None = None,
 ) -> dict[str, Picture]:
     """The same of photos whose cells are weighed already; `borders` were seen in a photo, and so
-    was light of the `room`, (N, 3) of cells in a second."""
+    was light of the `room`, (N, C) of cells in a second."""
     scaled: dict[str, Picture] = {}
     direct: dict[str, Floats] = {}
     strips: dict[str, BorderLight] = {}
@@ -185,7 +185,7 @@ def _scaled(
 ) -> Picture:
     """A signed sum of shots over its weight, `more` added; unknown `outside` the field."""
     first = taken[0][1]
-    shape = *first.saturated.shape, 3
+    shape = *first.saturated.shape, first.light_at(slice(0, 1)).shape[-1]
     image, sigma = (
         make_planar_image(shape),
         make_planar_image(shape, first.variance_at(slice(0, 1)).dtype),
@@ -213,7 +213,7 @@ def _scaled(
 
 
 def _without_room(photo: Picture, weights: CellWeights, room: Floats, cells: CellMap) -> Picture:
-    """A photo without the room's light, (N, 3) of cells in a second, for as long as its mask was
+    """A photo without the room's light, (N, C) of cells in a second, for as long as its mask was
     open beyond what black exposures take off. Quads of a cell have it as they have light."""
     opened = weights.realised.open_s / weights.cells_s
     if not (np.abs(opened) > _LEAST_OPEN).any():

@@ -41,7 +41,7 @@ from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import PhotoShelf, RawFrame, compute_rgb_variance, to_rgb
+from pdcd.sensor.raw import PhotoShelf, RawFrame, compute_colour_variance, to_colours
 from pdcd.watch import Watch
 from pdcd.words import NormaliseName
 
@@ -65,7 +65,7 @@ class DecodedRun:
     recipe: Recipe
     shots: dict[str, ExposedShot]
     pictures: dict[str, PictureWithErrors]
-    """On the camera's own quads, (h, w, 3)."""
+    """On the camera's own quads, (h, w, C)."""
     cells: CellMap
     view: FieldView
     """How the camera saw the field, for pictures that are to be upright on it."""
@@ -100,7 +100,7 @@ class DecodedRun:
 
     @cached_property
     def cell_means(self) -> PictureWithErrors:
-        """The answer's means over the cells, (rows, cols, 3)."""
+        """The answer's means over the cells, (rows, cols, C)."""
         return average_with_errors(self.answer, self.cells)
 
     def deviations(self, alive: _Alive = lambda: None) -> dict[str, Deviation]:
@@ -267,13 +267,13 @@ class Darkroom:
         profile, iso = self._record.profile, photo.iso
         factors, signal = self._to_units(iso, photo.f_number) / photo.phase_s, frame.planes
         of_quads = factors / frame.side
-        variance = compute_rgb_variance(
+        variance = compute_colour_variance(
             signal, profile, iso, photo.exposure_s, of_quads, np.float64
         )
-        return AmbientLight(to_rgb(signal, factors), np.asarray(variance, np.float64))
+        return AmbientLight(to_colours(signal, factors), np.asarray(variance, np.float64))
 
     def _seen(self) -> tuple[BorderMeasurement | None, NDArray[np.float64] | None]:
-        """What photos tell of the light along borders, and of the room's, (N, 3); None of what was
+        """What photos tell of the light along borders, and of the room's, (N, C); None of what was
         not photographed, and of a room that is dark."""
         photo, borders = self._record.room, None
         room = None if photo is None else self.dark_means(photo)
@@ -422,7 +422,8 @@ class Darkroom:
         if self._record.cells is None:
             self._record = msgspec.structs.replace(self._record, cells=cells)
         self._like = self._like or (raw.model, raw.flip)
-        refuse_unlike(shot.raw, raw, cells.frame, self._like)
+        colours = len(self._record.responsivity_e)
+        refuse_unlike(shot.raw, raw, cells.frame, colours, self._like)
 
     def _cells(self) -> CellMap:
         """Where the quads lie; known from the first photo on."""

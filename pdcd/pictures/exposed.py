@@ -13,7 +13,7 @@ from pdcd.errors import DecodeError
 from pdcd.probing.realised import Factors
 from pdcd.sensor.bands import fill_in_bands
 from pdcd.sensor.profile import SensorProfile
-from pdcd.sensor.raw import WHOLE_AXIS, RawFrame, compute_rgb_variance, to_rgb
+from pdcd.sensor.raw import WHOLE_AXIS, RawFrame, compute_colour_variance, to_colours
 
 _Errors = NDArray[np.floating]
 """Error bars: float64, or float32 where a frame is large."""
@@ -23,7 +23,7 @@ _LARGE_QUADS = 2**18
 
 
 class FrameLight(Protocol):
-    """Light of a frame and its variance, (h, w, 3) each."""
+    """Light of a frame of C colours and its variance, (h, w, C) each."""
 
     @property
     def light(self) -> Floats:
@@ -39,7 +39,7 @@ class FrameLight(Protocol):
 @dataclass(frozen=True)
 class AmbientLight:
     """What gets in through an open mask before a black projector within a second, in scene units
-    times seconds, and its variance: (h, w, 3) each."""
+    times seconds, and its variance: (h, w, C) each."""
 
     light: Floats
     variance: Floats
@@ -48,9 +48,9 @@ class AmbientLight:
 class ExposedShot(Protocol):
     """A shot whose light can be had, whole or in pieces.
 
-    light : (h, w, 3) float64
+    light : (h, w, C) float64
         Scene units times seconds, signed.
-    variance : (h, w, 3) float64, or float32 where the frame is large
+    variance : (h, w, C) float64, or float32 where the frame is large
         Its variance by the sensor model.
     saturated : (h, w) bool
     realised : the probing matrix that the panels really gave it.
@@ -124,7 +124,7 @@ class RawShot:
     A camera's frame of light with its variance takes four times as much memory as its samples, and
     a run has dozens; what is worked out piece by piece stays in the cache.
 
-    raw : the samples. profile : of the sensor. exposure_s : as timed by the bench. factors : (3,),
+    raw : the samples. profile : of the sensor. exposure_s : as timed by the bench. factors : (C,),
     from DN to scene units times seconds. The rest as of `ExposedShot`.
     """
 
@@ -139,12 +139,13 @@ class RawShot:
     @property
     def light(self) -> Floats:
         """All of it, made anew every time."""
-        return fill_in_bands((*self.raw.frame, 3), np.float64, self.light_at)
+        return fill_in_bands((*self.raw.frame, self.raw.colours), np.float64, self.light_at)
 
     @property
     def variance(self) -> _Errors:
         """All of it, made anew every time."""
-        return fill_in_bands((*self.raw.frame, 3), self._precision, self.variance_at)
+        shape = *self.raw.frame, self.raw.colours
+        return fill_in_bands(shape, self._precision, self.variance_at)
 
     @property
     def saturated(self) -> Bools:
@@ -158,12 +159,12 @@ class RawShot:
 
     def light_at(self, rows: slice, columns: slice = WHOLE_AXIS) -> Floats:
         """Light of some rows and columns of quads."""
-        return to_rgb(self.raw.signal(rows, columns), self.factors)
+        return to_colours(self.raw.signal(rows, columns), self.factors)
 
     def variance_at(self, rows: slice, columns: slice = WHOLE_AXIS) -> _Errors:
         """Its variance by the sensor model."""
         signal, factors = self.raw.signal(rows, columns), self.factors / self.raw.side
-        return compute_rgb_variance(
+        return compute_colour_variance(
             signal, self.profile, self.iso, self.exposure_s, factors, self._precision
         )
 
@@ -172,9 +173,16 @@ class RawShot:
         return np.float32 if self.saturated.size >= _LARGE_QUADS else np.float64
 
 
-def refuse_unlike(name: str, raw: RawFrame, frame: tuple[int, int], like: tuple[str, int]) -> None:
+def refuse_unlike(
+    name: str, raw: RawFrame, frame: tuple[int, int], colours: int, like: tuple[str, int]
+) -> None:
     """Raise DecodeError for a RAW file that is not like the first one of its run: of so many rows
-    and columns of quads, and of that model and orientation."""
+    and columns of quads and so many colours, and of that model and orientation."""
+    if raw.colours != colours:
+        raise DecodeError(
+            f"{name} has {raw.colours} colours, the camera of the run has {colours}",
+            hint="restore it from a copy",
+        )
     if raw.frame != frame:
         raise DecodeError(
             f"{name} has {raw.frame[0]} x {raw.frame[1]} pixels, other shots of the run "

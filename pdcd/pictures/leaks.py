@@ -28,7 +28,7 @@ _SURE = 5.0
 
 @dataclass(frozen=True)
 class DarkPhotoLight:
-    """Light of cells in scene units, (N, 3), and its variance."""
+    """Light of cells in scene units, (N, C), and its variance."""
 
     light: Floats
     variance: Floats
@@ -52,7 +52,7 @@ class DarkPhotoLight:
 
 @dataclass(frozen=True)
 class LeakAnswer:
-    """The answer of cells with leaks in it, its variance by the sensor, (N, 3) each; and what it
+    """The answer of cells with leaks in it, its variance by the sensor, (N, C) each; and what it
     takes of a leak that shines through an open mask, and of one through a closed mask: (N, 1) each.
     Only `seen` cells count. gross : (2, N, 1), what photos that count for it and such that count
     against it take of the first, each without the other."""

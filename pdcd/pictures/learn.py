@@ -26,14 +26,14 @@ from pdcd.pictures.to_cells import CellLight
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import WantedMatrix
 
-_Paths: TypeAlias = "tuple[scipy.sparse.csr_array, scipy.sparse.csr_array, scipy.sparse.csr_array]"
+_Paths: TypeAlias = "tuple[scipy.sparse.csr_array, ...]"
 
 
 @dataclass(frozen=True)
 class PilotFindings:
     """Paths found by a pilot, or what its scouts saw.
 
-    links : sparse (N, N), of all channels together; paths : the same for R, G, B.
+    links : sparse (N, N), of all channels together; paths : the same of each, C in all.
     worth : predicted errors with and without the pilot; if it does not pay, the paths are empty.
         None where only the scouts were taken, which find no paths, and after a short pilot, whose
         scouts alone tell whether it pays.
@@ -45,7 +45,7 @@ class PilotFindings:
     worth: PilotPrediction | None
     sharpness: float
     near: Floats
-    """(N, 3), light that each cell gets from one of those right beside it, on average
+    """(N, C), light that each cell gets from one of those right beside it, on average
     (`pdcd.codes.pilot.scene_light`)."""
 
     @property
@@ -65,7 +65,7 @@ def scale_code_photos(
     seen: CellLight,
     ambient: CellLight | None = None,
 ) -> tuple[Floats, Floats, Floats | None]:
-    """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, 3) each.
+    """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, C) each.
 
     taken : what the panels did in each of K photos. bits : (K, N), their codes. seen : light of
     their cells (`pdcd.pictures.to_cells.unmix_cells`). Each is divided by its own time of open mask
@@ -73,7 +73,7 @@ def scale_code_photos(
 
     `ambient` light, of one dark photo, is taken off for the time for which the mask was open. Its
     own noise is the same in all photos, and no part of their standard deviation: it comes third, as
-    variance (N, 3).
+    variance (N, C).
     """
     weights = code_times_s(taken, bits)[:, None, None]
     photos, sigmas = seen.light, seen.error
@@ -100,9 +100,10 @@ def learn_paths(
     """
     bits = bits[: len(taken)]
     photos, sigma, common = scale_code_photos(taken, bits, seen, ambient)
-    grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / 3.0
+    colours = photos.shape[2]
+    grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / colours
     first = slice(0, SCOUTS)
-    taken_off = None if common is None else np.sum(common, axis=1) / 9.0
+    taken_off = None if common is None else np.sum(common, axis=1) / colours**2
     sharp = estimate_sharpness(
         bits[first], grey[first], sigma=grey_sigma[first], taken_off=taken_off
     )
@@ -116,24 +117,24 @@ def learn_paths(
 
     none = scipy.sparse.csr_array((bits.shape[1], bits.shape[1]))
     if len(taken) == SCOUTS:
-        return with_paths(none, (none, none, none))
+        return with_paths(none, (none,) * colours)
     if len(taken) in MATCHED:
-        links, red, green, blue = match_links(bits, photos, grid, sigma=sigma)
-        return with_paths(widen_links(links, grid), (red, green, blue))
+        links, *each = match_links(bits, photos, grid, sigma=sigma)
+        return with_paths(widen_links(links, grid), tuple(each))
     links = estimate_links(bits, grey, grid, sigma=grey_sigma)
     predicted = predict_pilot_errors(bits, grey, links, total, sigma=grey_sigma)
     if not predicted.pays:
-        return with_paths(none, (none, none, none), predicted)
-    if np.array_equal(photos[..., 0], photos[..., 1]):
-        return with_paths(links, (links, links, links), predicted)
-    red, green, blue = (
-        estimate_links(bits, photos[..., c], grid, sigma=sigma[..., c]) for c in range(3)
+        return with_paths(none, (none,) * colours, predicted)
+    if np.array_equal(photos[..., 0], photos[..., -1]):
+        return with_paths(links, (links,) * colours, predicted)
+    of_each = tuple(
+        estimate_links(bits, photos[..., c], grid, sigma=sigma[..., c]) for c in range(colours)
     )
-    return with_paths(links, (red, green, blue), predicted)
+    return with_paths(links, of_each, predicted)
 
 
 def _beside(paths: _Paths, grid: tuple[int, int]) -> Floats:
-    """Light by known paths from the eight cells around each, the mean of the eight, (N, 3)."""
+    """Light by known paths from the eight cells around each, the mean of the eight, (N, C)."""
     found = np.zeros((grid[0] * grid[1], len(paths)))
     for channel, one in enumerate(paths):
         path = one.tocoo()
@@ -147,7 +148,7 @@ def _beside(paths: _Paths, grid: tuple[int, int]) -> Floats:
 def compute_path_corrections(
     learned: PilotFindings, realised: Factors, weight_s: float | Floats, wanted: WantedMatrix
 ) -> Floats:
-    """What to add to a picture of what is wanted for the paths found, (N, 3), in scene units.
+    """What to add to a picture of what is wanted for the paths found, (N, C), in scene units.
 
     weight_s : what the picture was divided by, of all cells or (N,).
     """
@@ -162,7 +163,7 @@ def compute_path_corrections(
 
 
 def compute_path_light(learned: PilotFindings, wanted: WantedMatrix) -> Floats:
-    """Light by the paths found in a picture of what is wanted, (N, 3), in scene units."""
+    """Light by the paths found in a picture of what is wanted, (N, C), in scene units."""
     light = np.zeros((wanted.cells, len(learned.paths)))
     for channel, one in enumerate(learned.paths):
         table = one.tocoo()

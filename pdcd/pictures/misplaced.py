@@ -272,10 +272,10 @@ def estimate_lost_direct(record: RunRecord, window: str) -> LostDirectLight:
 def estimate_misplaced_light(
     record: RunRecord, window: str, cells: CellMap, white: Floats, indirect: Floats
 ) -> Floats | None:
-    """Direct light, (h, w, 3), that got into a photo of indirect light through wrong cells; None
+    """Direct light, (h, w, C), that got into a photo of indirect light through wrong cells; None
     where that is hardly any. Error bars add it.
 
-    window : of the photo's shots. white, indirect : scaled pictures (h, w, 3).
+    window : of the photo's shots. white, indirect : scaled pictures (h, w, C).
     """
     look, lost = record.panels, estimate_lost_direct(record, window)
     if look is None or look.mask is None or lost.rms < _LEAST_APART:

@@ -70,7 +70,7 @@ def make_corrected_photos(
     told : by the parts of photos, by their names (`fit_smooth_models`); others tell by themselves,
         where any quad sees them.
     borders : what a photo of the light along borders of cells tells, if there is one.
-    room : (N, 3), what gets through an open mask before a black projector in a second, where a dark
+    room : (N, C), what gets through an open mask before a black projector in a second, where a dark
         photo tells it and nothing else takes it off.
     """
     weights = {photo.name: weigh_cells(photo, shots, normalise) for photo in recipe.photos}
@@ -149,7 +149,7 @@ def _holds_smooth_light(photo: RecipePhoto) -> bool:
 def _missing(
     recipe: Recipe, weights: Mapping[str, CellWeights], learned: PilotFindings | None
 ) -> dict[str, Floats]:
-    """What cells get wrong of the paths that a pilot found, (N, 3) a photo."""
+    """What cells get wrong of the paths that a pilot found, (N, C) a photo."""
     return {
         photo.name: compute_path_corrections(
             learned, weights[photo.name].realised, weights[photo.name].cells_s, photo.wanted

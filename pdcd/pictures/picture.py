@@ -24,9 +24,10 @@ _F = TypeVar("_F", np.float64, np.floating)
 
 @dataclass(frozen=True)
 class Picture:
-    """`image` (h, w, 3) float64 and `sigma`, its error bar, in scene units.
+    """`image` (h, w, C) float64 and `sigma`, its error bar, in scene units; C is 3, or 1 of a
+    camera without colours.
 
-    Of quads, or of cells: then it is (rows, cols, 3). Sigma is inf where nothing is known: where a
+    Of quads, or of cells: then it is (rows, cols, C). Sigma is inf where nothing is known: where a
     quad is saturated, blind or not wholly in the field, or too little of a cell is seen. Outside
     the field the image is 0.
     """
@@ -37,11 +38,11 @@ class Picture:
 
 @dataclass(frozen=True)
 class PictureWithErrors(Picture):
-    """A picture with its whole error: ``sigma^2 = sensor^2 + code^2``, (h, w, 3) each, float64 or,
+    """A picture with its whole error: ``sigma^2 = sensor^2 + code^2``, (h, w, C) each, float64 or,
     where the frame is large, float32.
 
     `kind` is how `code` was found. `of_cells` is the code error of means over cells,
-    (rows, cols, 3), where more is known of it than that of their quads.
+    (rows, cols, C), where more is known of it than that of their quads.
     """
 
     sensor: Errors
@@ -51,7 +52,7 @@ class PictureWithErrors(Picture):
 
 
 def with_error_bars(picture: Picture, code: Errors, kind: _Kind) -> PictureWithErrors:
-    """A picture whose sigma is the sensor's, completed by the code error (h, w, 3)."""
+    """A picture whose sigma is the sensor's, completed by the code error (h, w, C)."""
     return PictureWithErrors(
         picture.image, _together(picture.sigma, code), picture.sigma, code, kind
     )

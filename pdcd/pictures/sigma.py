@@ -45,7 +45,7 @@ cells has none but that."""
 
 
 def measure_error_bars(picture: Picture, parts: Sequence[Floats]) -> PictureWithErrors:
-    """A picture with the code error that the spread of its parts, (h, w, 3) each, shows.
+    """A picture with the code error that the spread of its parts, (h, w, C) each, shows.
 
     The mean of B independent parts has 1/B of their variance. B is small, so that the variance of
     one pixel is itself uncertain; `_moderated` steadies it by its neighbours. What is left of the

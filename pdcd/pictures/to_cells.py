@@ -83,7 +83,7 @@ def average_shot(shot: FrameLight, cells: CellMap) -> CellLight:
 
 
 def average_picture(picture: Picture, cells: CellMap) -> Picture:
-    """Means of a picture over cells, (rows, cols, 3) float64, and the error of these means by the
+    """Means of a picture over cells, (rows, cols, C) float64, and the error of these means by the
     errors of single quads; infinite where too little of a cell is known.
 
     Quads that are not known do not count, but where a cell is unknown it has the mean of all that
@@ -98,7 +98,7 @@ def average_picture(picture: Picture, cells: CellMap) -> Picture:
 
 
 def average_with_errors(picture: PictureWithErrors, cells: CellMap) -> PictureWithErrors:
-    """The same of a picture with its whole error: (rows, cols, 3) float64 each.
+    """The same of a picture with its whole error: (rows, cols, C) float64 each.
 
     The sensor's part gets less by averaging. The error of the codes does not: quads of a cell share
     it, but for what `Barred.of_cells` knows.
@@ -207,9 +207,9 @@ def unmix_some_cells(
     wanted: Indices,
     least: float = _LEAST_WHOLE,
 ) -> CellLight:
-    """Light of some cells in K photos, (K, C, 3), told from that of their neighbours.
+    """Light of some cells in K photos, (K, M, C), told from that of their neighbours.
 
-    known : (h, w), quads that count. wanted : (C,), numbers of the cells.
+    known : (h, w), quads that count. wanted : (M,), numbers of the cells.
     """
     apart = _tell_apart(known, cells, wanted, least)
     light = [apart.mean(shot.light)[wanted] for shot in taken]
@@ -219,14 +219,15 @@ def unmix_some_cells(
 
 
 def unmix_cells(taken: Sequence[FrameLight], cells: CellMap) -> CellLight:
-    """Light of all cells in K photos, (K, N, 3), told from that of their neighbours where quads see
+    """Light of all cells in K photos, (K, N, C), told from that of their neighbours where quads see
     both: else direct light of a neighbour looks like a sharp path from there."""
     if cells.blocks is not None:  # then no quad sees two
         light = np.array([cells.mean(shot.light) for shot in taken])
         return CellLight(light, np.array([cells.error_of_mean(shot.variance) for shot in taken]))
     seen, all_known = np.flatnonzero(cells.seen()), np.ones(cells.frame, np.bool_)
-    photos, sigmas = np.zeros((2, len(taken), cells.grid[0] * cells.grid[1], 3))
     found = unmix_some_cells(taken, all_known, cells, seen, _LEAST_PURE)
+    shape = len(taken), cells.grid[0] * cells.grid[1], found.light.shape[2]
+    photos, sigmas = np.zeros(shape), np.zeros(shape)
     photos[:, seen], sigmas[:, seen] = found.light, found.error
     return CellLight(photos, sigmas)
 
@@ -280,8 +281,7 @@ def average_shots(
     lost = np.logical_or.reduce([shot.saturated for shot in shots.values()])
     known = ~lost if lost.any() else None
     unseen = ~cells.seen()
-    shape = *cells.grid, 3
-    nothing, dark = np.zeros(shape), np.zeros(cells.grid, np.bool_)
+    dark = np.zeros(cells.grid, np.bool_)
     parting = _part_neighbours(cells, known)
 
     def coarse(shot: ExposedShot) -> ComputedShot:
@@ -291,9 +291,9 @@ def average_shots(
             light[sure] = parting.mean(whole)[sure]
         if unseen.any() and not unseen.all():
             light[unseen] = light[~unseen].mean(axis=0)
-        return ComputedShot(
-            light.reshape(shape), nothing, dark, shot.realised, shot.exif, shot.missed
-        )
+        light = light.reshape(*cells.grid, light.shape[1])
+        nothing = np.zeros_like(light)
+        return ComputedShot(light, nothing, dark, shot.realised, shot.exif, shot.missed)
 
     averaged = {name: coarse(shot) for name, shot in shots.items()}
     return AveragedShots(averaged, alike, np.flatnonzero(unseen))

@@ -157,9 +157,9 @@ def add_missing_light(
 
 
 def spread_errors(error: Errors, picture: Picture, light: Floats, cells: CellMap) -> Errors:
-    """Errors of cells (rows, cols, 3) -> of quads (h, w, 3), in proportion to the quads' light.
+    """Errors of cells (rows, cols, C) -> of quads (h, w, C), in proportion to the quads' light.
 
-    light : (rows, cols, 3), that of the picture on cells.
+    light : (rows, cols, C), that of the picture on cells.
     """
     channels = range(error.shape[2])
     shares = [_by_light(picture.image[..., c], light[..., c].ravel(), cells) for c in channels]

@@ -39,9 +39,9 @@ _GREYS = (0.0001, 0.001, 0.01, 0.1, 1.0)
 class TransportSlice:
     """Entries of T.
 
-    entries, sigma : (C, J, 3), light that camera cell n receives of projector cell j at full light,
+    entries, sigma : (M, J, C), light that camera cell n receives of projector cell j at full light,
         scene units, and its standard deviation by the sensor; infinite where a cell is not known.
-    seen, lit : (C,) and (J,), numbers of the camera and projector cells.
+    seen, lit : (M,) and (J,), numbers of the camera and projector cells.
     photos : of how many.
     uneven : largest difference of P_k from a product of both sides, over its largest entry.
     common : share of the light of all photos that comes whatever is shown. Entries are without it;
@@ -64,7 +64,7 @@ class TransportSlice:
         return float(np.sqrt(np.sum(self.sigma**2, where=known) / total)) if total else np.inf
 
     def rms_error(self, truth: Floats) -> float:
-        """RMS error over the RMS of the true entries (C, J, 3), where they are known."""
+        """RMS error over the RMS of the true entries (M, J, C), where they are known."""
         known = np.isfinite(self.sigma)
         total = float(np.sum(truth**2, where=known))
         off = float(np.sum((self.entries - truth) ** 2, where=known))
@@ -136,7 +136,7 @@ def _sides(
 
 
 def draw_transport_slice(found: TransportSlice, title: str) -> NDArray[np.uint8]:
-    """A slice to look at, (H, W, 3) uint8: camera cells down, projector cells to the right.
+    """A slice to look at, (H, W, C) uint8: camera cells down, projector cells to the right.
 
     Brightness goes by the logarithm, from the noise or `_LEAST_GREY` of the brightest entries on,
     so that direct light, bands and single paths are all to be seen. What is not known is black.
@@ -158,4 +158,5 @@ def draw_transport_slice(found: TransportSlice, title: str) -> NDArray[np.uint8]
     drawn = drawn.repeat(factor, axis=0).repeat(factor, axis=1)
     marks = [(int(coded(g)), f"{g * top:.2g}") for g in _GREYS if g >= low]
     notes = ["down: camera cells", "right: projector cells", f"{found.photos} photos"]
-    return np.concatenate([drawn, draw_caption(drawn.shape[1], title, notes, marks)])
+    caption = draw_caption(drawn.shape[1], title, notes, marks)
+    return np.concatenate([drawn, caption[..., : drawn.shape[2]]])

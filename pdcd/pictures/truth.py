@@ -19,6 +19,7 @@ from pdcd.probing.wanted import WantedMatrix
 from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.patterns import read_stored_arrays
 from pdcd.sensor.cells import CellMap
+from pdcd.sensor.profile import weigh_colours
 from pdcd.sensor.raw import shrink_image
 from pdcd.virtual.optics.needed import choose_optics
 from pdcd.virtual.scene.scene import Scene
@@ -33,8 +34,8 @@ TRUTH_BLOCK_ROWS = 256
 class KnownAnswer:
     """The answer in truth, in scene units, and where it can be compared.
 
-    On a bench of cells `image` is (N, 3) and `seen` (N,), of cells, to be compared with means over
-    them. On one of pixels they are (h, w, 3) and (h, w), of quads: the truth is seen through the
+    On a bench of cells `image` is (N, C) and `seen` (N,), of cells, to be compared with means over
+    them. On one of pixels they are (h, w, C) and (h, w), of quads: the truth is seen through the
     same optics, and compared where it lies wholly inside the field.
     """
 
@@ -63,13 +64,14 @@ class KnownAnswer:
         )
 
     def on_cells(self, cells: CellMap) -> Floats:
-        """Means over the cells, (rows, cols, 3) float64; NaN where a cell cannot be compared."""
+        """Means over the cells, (rows, cols, C) float64; NaN where a cell cannot be compared."""
         seen = self.seen if self.of_cells else cells.seen(self.seen)
         image = self.image if self.of_cells else average_image(self.image, cells, self.seen)
-        return np.where(seen[:, None], image, np.nan).reshape(*cells.grid, 3).astype(np.float64)
+        whole = np.where(seen[:, None], image, np.nan).astype(np.float64)
+        return whole.reshape(*cells.grid, image.shape[1])
 
     def on_quads(self, cells: CellMap) -> tuple[NDArray[np.floating], Bools]:
-        """The same on the camera's quads, (h, w, 3) and (h, w)."""
+        """The same on the camera's quads, (h, w, C) and (h, w)."""
         if not self.of_cells:
             return self.image, self.seen
         return expand_to_quads(self.image, cells, None), expand_to_quads(self.seen, cells, None)
@@ -96,7 +98,7 @@ def read_known_answer(folder: Path, cells: CellMap) -> KnownAnswer:
     kept = read_stored_arrays(folder / TRUTH)
     image, seen, of_cells = (kept.get(name, np.zeros(0)) for name in ("image", "seen", "of_cells"))
     shape = (cells.grid[0] * cells.grid[1],) if of_cells.any() else cells.frame
-    fits = (image.shape, seen.shape) == ((*shape, 3), shape)
+    fits = seen.shape == shape and image.shape in ((*shape, 3), (*shape, 1))
     if not fits or image.dtype != np.float32 or seen.dtype != np.bool_:
         raise DecodeError(f"{folder / TRUTH} does not fit the run", hint="restore it from a copy")
     return KnownAnswer(image, seen, of_cells=bool(of_cells.any()))
@@ -109,17 +111,20 @@ def find_known_answer(
     windows: Iterable[str],
     cells: CellMap | None,
     alive: Callable[[], None] = lambda: None,
+    *,
+    colours: int = 3,
 ) -> KnownAnswer | None:
     """The truth of a recipe's answer; None where nobody knows it.
 
-    windows : of the recipe's shots. cells : the map of the camera's frame. `alive` is called now
-    and then, and may raise to end the work.
+    windows : of the recipe's shots. cells : the map of the camera's frame. colours : of its sensor
+    (`weigh_colours`). `alive` is called now and then, and may raise to end the work.
     """
     if scene is None or cells is None:
         return None
     optics = choose_optics(config, scene, ("whole", *windows))
     if optics is None:
-        return KnownAnswer(compute_true_answer(scene, recipe, alive), cells.seen(), of_cells=True)
+        answer = compute_true_answer(scene, recipe, alive, colours=colours)
+        return KnownAnswer(answer, cells.seen(), of_cells=True)
     if optics.frame != cells.frame or isinstance(recipe.answer, Extremes):
         return None  # only what is linear in a scene's effects can be told on a bench of pixels
     meant, grid = recipe.wanted if recipe.meant is None else recipe.meant, recipe.target.grid
@@ -128,23 +133,24 @@ def find_known_answer(
     image = optics.wanted(
         lambda part: compute_true_answer(part, recipe, alive), meant, alive, grid=grid
     )
-    return KnownAnswer(image, optics.inside_of(grid), of_cells=False)
+    return KnownAnswer(weigh_colours(image, colours), optics.inside_of(grid), of_cells=False)
 
 
 def compute_true_answer(
-    scene: Scene, recipe: Recipe, alive: Callable[[], None] = lambda: None
+    scene: Scene, recipe: Recipe, alive: Callable[[], None] = lambda: None, *, colours: int = 3
 ) -> NDArray[np.float64]:
-    """What a recipe's answer is in truth, (N, 3), in scene units, without ambient light.
+    """What a recipe's answer is in truth, (N, C), in scene units, without ambient light.
 
     `alive` is called now and then, and may raise to end the work.
     """
     rule = recipe.answer
     if recipe.meant is not None:
-        return apply_probing_matrix(scene, recipe.meant, alive)
+        return weigh_colours(apply_probing_matrix(scene, recipe.meant, alive), colours)
     if not isinstance(rule, Extremes):
-        return apply_probing_matrix(scene, recipe.wanted, alive)
+        return weigh_colours(apply_probing_matrix(scene, recipe.wanted, alive), colours)
     wanted = {photo.name: photo.wanted for photo in recipe.photos}
-    images = np.stack([apply_probing_matrix(scene, wanted[name], alive) for name in rule.photos])
+    photos = [apply_probing_matrix(scene, wanted[name], alive) for name in rule.photos]
+    images = weigh_colours(np.stack(photos), colours)
     return np.asarray(rule.largest * images.max(axis=0) + rule.smallest * images.min(axis=0))
 
 
@@ -180,13 +186,14 @@ def apply_probing_matrix(
 
 
 def compute_true_entries(
-    scene: Scene, seen: NDArray[np.int64], lit: NDArray[np.int64]
+    scene: Scene, seen: NDArray[np.int64], lit: NDArray[np.int64], *, colours: int = 3
 ) -> NDArray[np.float64]:
-    """Entries of T between camera cells `seen` (C,) and projector cells `lit` (J,), (C, J, 3)."""
+    """Entries of T between camera cells `seen` (C,) and projector cells `lit` (J,), (C, J, 3), or
+    (C, J, 1) for a sensor of one colour."""
     found = np.empty((seen.size, lit.size, 3))
     for start in range(0, lit.size, TRUTH_BLOCK_ROWS):
         some = lit[start : start + TRUTH_BLOCK_ROWS]
         light = np.zeros((some.size, scene.cells))
         light[np.arange(some.size), some] = 1.0
         found[:, start : start + TRUTH_BLOCK_ROWS] = scene.apply(light)[:, seen].transpose(1, 0, 2)
-    return found
+    return weigh_colours(found, colours)

@@ -69,7 +69,7 @@ class FieldView:
 
 
 def find_known_pixels(*values: NDArray[np.floating]) -> Bools:
-    """Where all of the values (h, w, 3) are finite in every channel, (h, w) bool."""
+    """Where all of the values (h, w, C) are finite in every channel, (h, w) bool."""
     # A product with ones is much faster than `all` along a short axis.
     sums = [value @ np.ones(value.shape[-1], value.dtype) for value in values]
     return np.asarray(np.logical_and.reduce([np.isfinite(s) for s in sums]), dtype=np.bool_)
@@ -94,13 +94,14 @@ class FieldSampler:
         self._right, self._down = (np.ascontiguousarray(places[..., axis]) for axis in (0, 1))
 
     def __call__(self, image: NDArray[np.floating], known: Bools) -> tuple[Singles, Bools]:
-        """A picture (h, w, 3), known at some quads (h, w) -> that of the field, (H, W, 3) float32,
+        """A picture (h, w, C), known at some quads (h, w) -> that of the field, (H, W, C) float32,
         and where that is known, (H, W) bool. It is 0 elsewhere."""
         # What is not known may be infinite, or no number.
         light, mask = np.empty(image.shape, np.float32), known.view(np.uint8)
 
         def band(rows: slice) -> None:
-            light[rows] = cv2.copyTo(np.ascontiguousarray(image[rows], np.float32), mask[rows])
+            whole = cv2.copyTo(np.ascontiguousarray(image[rows], np.float32), mask[rows])
+            light[rows] = whole.reshape(light[rows].shape)  # OpenCV drops an axis of one
 
         run_in_bands(len(light), band)
         seen, weight = self._weighed(known)
@@ -118,13 +119,14 @@ class FieldSampler:
         return self._last[1:]
 
     def _sampled(self, values: NDArray[Any]) -> Singles:
-        """Values of quads, (h, w) or (h, w, 3) -> of pixels of the field, (H, W) or (H, W, 3)."""
+        """Values of quads, (h, w) or (h, w, C) -> of pixels of the field, (H, W) or (H, W, C)."""
+        channels = values.shape[2:]
         if self._shrunk != values.shape[1::-1]:
             values = np.asarray(cv2.resize(values, self._shrunk, interpolation=cv2.INTER_AREA))
         sampled = cv2.remap(
             values, self._right, self._down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
-        return np.asarray(sampled, dtype=np.float32)
+        return np.asarray(sampled, dtype=np.float32).reshape(*self._right.shape, *channels)
 
 
 def _places(map_: Map, size_px: tuple[int, int]) -> Singles:

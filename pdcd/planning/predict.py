@@ -31,7 +31,7 @@ from pdcd.bench.tables import Config
 from pdcd.pictures.smooth import HALF_LIGHT_CELLS
 from pdcd.planning.metering import TARGET
 from pdcd.planning.plan import COINS
-from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
+from pdcd.sensor.profile import SensorProfile, compute_variance_dn2, weigh_colours
 from pdcd.virtual.scene.scene import Scene
 from pdcd.words import FamilyName
 
@@ -248,6 +248,7 @@ def _photo_noise(picture: Floats, setting: RigSetting, iso: int, exposure_s: flo
     """RMS noise of one photo of a picture (cells, 3), its brightest sample metered, in the unit of
     the picture."""
     config, profile = setting.config, setting.profile
+    picture = weigh_colours(picture, setting.camera.colours)
     light = picture * setting.camera.responsivity_e
     brightest_dn = _STOP_LIGHT * TARGET * profile.saturation_dn(iso)
     dn_per_unit = brightest_dn / float(light.max()) * setting.camera.responsivity_e
@@ -255,5 +256,5 @@ def _photo_noise(picture: Floats, setting: RigSetting, iso: int, exposure_s: flo
         variance_dn2 = np.full(picture.shape, 1.0 / 12.0)
     else:
         variance_dn2 = compute_variance_dn2(picture * dn_per_unit, profile, iso, exposure_s)
-    samples = np.array([1.0, 2.0, 1.0])  # a quad has two green ones
+    samples = np.array([1.0, 2.0, 1.0] if light.shape[1] == 3 else [1.0])  # a quad has two green
     return float(np.sqrt(np.mean(variance_dn2 / samples / dn_per_unit**2)))

@@ -33,7 +33,7 @@ class CameraView(msgspec.Struct, frozen=True, kw_only=True):
     serial: str
     profile: str
     responsivity_e: tuple[float, ...]
-    """Electrons per scene unit per second for R, G, B, at f/1."""
+    """Electrons per scene unit per second for R, G, B, or for grey, at f/1."""
     isos: tuple[int, ...]
     f_numbers: tuple[float, ...]
 

@@ -8,7 +8,7 @@
     <job>/codes.npz       what both panels showed: packed bits or levels, seed, generator
     <job>/frames.csv      one row per refresh of every shot: what was asked, what was shown, when
     <job>/linear/         float32 TIFF, linear, before any tone map
-    <job>/probe.npz       image and sigma, float64 (h, w, 3), in scene units
+    <job>/probe.npz       image and sigma, float64 (h, w, C), in scene units
     <job>/preview/        8-bit PNG, for humans only
     <job>/log.jsonl       what happened
     <job>/ledger.jsonl    what decoding needs, as it came to be (`pdcd.runs.ledger`)

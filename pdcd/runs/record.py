@@ -147,7 +147,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Of the camera, for `cells`."""
     projector: PanelConfig
     mask: PanelConfig
-    responsivity_e: tuple[RecordPositive, RecordPositive, RecordPositive]
+    responsivity_e: Annotated[tuple[RecordPositive, ...], Meta(min_length=1, max_length=3)]
+    """One number for each colour of the camera, 3 or 1; pictures have as many."""
     profile: SensorProfile
     shots: tuple[ShotRecord, ...]
     stops: tuple[Stop, ...] = ()

@@ -45,10 +45,11 @@ class BlackLevels:
     rows: Floats
     columns: Floats
 
-    def of_plane(self, first: tuple[int, int], shape: tuple[int, int]) -> PlaneBlack:
-        """Black of every second sample each way from `first` on, rows and columns of them."""
+    def of_plane(self, first: tuple[int, int], shape: tuple[int, int], step: int) -> PlaneBlack:
+        """Black of every sample, or every second, each way from `first` on, rows and columns of
+        them."""
         (top, left), (height, width) = first, shape
-        rows, columns = top + 2 * np.arange(height), left + 2 * np.arange(width)
+        rows, columns = top + step * np.arange(height), left + step * np.arange(width)
         down = self.rows[rows] if self.rows.size else np.zeros(height)
         across = self.columns[columns] if self.columns.size else np.zeros(width)
         row, column = rows % self.pattern.shape[0], columns % self.pattern.shape[1]
@@ -114,16 +115,23 @@ def choose_dark_areas(
 
 
 def measure_dark_areas(
-    sensor: NDArray[np.generic], areas: Sequence[Area], places: Sequence[tuple[int, int]]
+    sensor: NDArray[np.generic],
+    areas: Sequence[Area],
+    places: Sequence[tuple[int, int]],
+    step: int,
 ) -> tuple[Floats, Floats] | None:
     """Mean and spread (DN) of the masked samples of each plane, hot ones left out; None of too few.
 
-    sensor : (H, W) all samples. places : row and column of a sample of each plane.
+    sensor : (H, W) all samples. places : row and column of a sample of each plane, which has every
+    sample, or every second, from there on.
     """
     black, spread = np.empty(len(places)), np.empty(len(places))
     for plane, (row, column) in enumerate(places):
         parts = [
-            sensor[top + (row - top) % 2 : bottom : 2, left + (column - left) % 2 : right : 2]
+            sensor[
+                top + (row - top) % step : bottom : step,
+                left + (column - left) % step : right : step,
+            ]
             for top, left, bottom, right in areas
         ]
         samples = np.concatenate([part.ravel() for part in parts]) if parts else np.empty(0)
@@ -138,8 +146,8 @@ def find_lit_border(
 ) -> tuple[bool, str | None]:
     """Whether a masked border cannot be dark, and what the user should know of it.
 
-    measured : as of `measure_dark_areas`. tagged : (4,) black by tags, NaN where none tells.
-    darkest : (4,) a level of each plane of the picture that much of it lies above.
+    measured : as of `measure_dark_areas`. tagged : (P,) black of P planes by tags, NaN where none
+    tells. darkest : (P,) a level of each plane of the picture that much of it lies above.
     """
     black, spread = measured
     said = np.where(np.isnan(tagged), 0.0, tagged)

@@ -1,6 +1,7 @@
 """What a DNG says of its samples: where they lie, in which form, their mosaic and their levels.
 
-Forms that hold no 2x2 Bayer mosaic, or that nothing here unpacks, are named for what they are.
+Forms that hold neither a 2x2 Bayer mosaic nor one plane of grey, or that nothing here unpacks, are
+named for what they are.
 Source: Adobe DNG specification 1.4 and 1.7, chapters 2, 4 and 5.
 """
 
@@ -47,7 +48,8 @@ class DngForm:
     shape : rows and columns of all samples. bits, floating : of a sample. packing : one of `PLAIN`,
     `JPEG` and `DEFLATE`. predictor, order, pieces : how and where the samples lie.
     table : what each stored number stands for; empty where it stands for itself.
-    active : the picture. colours : of the quad in its corner. black, white : levels in DN.
+    active : the picture. colours : of the quad in its corner; "" of a sensor without colours.
+    black, white : levels in DN.
     masked : numbers of masked areas, as the file has them. doubts : what is odd, in words.
     """
 
@@ -125,7 +127,8 @@ def make_packed(name: str, what: str) -> DecodeError:
 def make_unreadable(name: str, what: str, hint: str) -> DecodeError:
     """The error for a whole file of another form, named for `what` it is; for every reader."""
     return DecodeError(
-        f"cannot decode {name}: it is {what}, with no 2x2 Bayer mosaic of red, green and blue",
+        f"cannot decode {name}: it is {what}, with no 2x2 Bayer mosaic of red, green and blue, and "
+        "no plane of grey",
         hint=hint,
     )
 
@@ -149,29 +152,32 @@ def describe_mosaic(pattern: str, columns: int) -> tuple[str, str]:
 
 
 def _find_mosaic(tags: TiffTags, name: str) -> TiffDirectory:
-    """The directory of the full-size mosaic. Raises DecodeError where there is none."""
+    """The directory of the full-size mosaic, or plane of grey. Raises DecodeError where there is
+    none."""
     full = [found for found in tags.directories if not _one(found, tiff.SUBFILE_TYPE, 0)]
 
     def area(found: TiffDirectory) -> int:
         return _one(found, tiff.IMAGE_WIDTH, 0) * _one(found, tiff.IMAGE_LENGTH, 0)
 
-    mosaics = [found for found in full if _one(found, tiff.PHOTOMETRIC, -1) == _CFA]
-    if mosaics:
-        return max(mosaics, key=area)
-    linear = [found for found in full if _one(found, tiff.PHOTOMETRIC, -1) == _LINEAR]
-    if not linear:
+    for kind in (_CFA, _LINEAR):
+        there = [found for found in full if _one(found, tiff.PHOTOMETRIC, -1) == kind]
+        if there:
+            break
+    else:
         raise _contradiction(name, "no image of a sensor")
-    if _one(max(linear, key=area), tiff.SAMPLES_PER_PIXEL, 1) == 1:
+    main = max(there, key=area)
+    if kind != _CFA and _one(main, tiff.SAMPLES_PER_PIXEL, 1) != 1:
         raise make_unreadable(
-            name, "of a monochrome sensor", "take a camera with a Bayer mosaic over its sensor"
+            name, "a linear DNG, whose colours are made already", "take the RAW file of the camera"
         )
-    raise make_unreadable(
-        name, "a linear DNG, whose colours are made already", "take the RAW file of the camera"
-    )
+    return main
 
 
 def _read_mosaic(main: TiffDirectory, name: str) -> str:
-    """Colours of the quad in the ActiveArea's corner. Raises DecodeError for another mosaic."""
+    """Colours of the quad in the ActiveArea's corner, "" of a plane of grey. Raises DecodeError for
+    another mosaic."""
+    if _one(main, tiff.PHOTOMETRIC, -1) != _CFA:
+        return ""
     rows, columns = (*read_numbers(main, tiff.CFA_DIM), 2, 2)[:2]
     numbers = read_numbers(main, tiff.CFA_PATTERN)
     pattern = "".join(_COLOURS[n] if n < len(_COLOURS) else "?" for n in numbers)

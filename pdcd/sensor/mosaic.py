@@ -73,8 +73,8 @@ class Mosaic:
 
     sensor : (H, W) DN, black included; of LibRaw's memory, which goes away with `RawInput`.
     first : row and column of the picture's first sample. size : its rows and columns of samples.
-    colours : of the quad there. white : DN.
-    black, libraw_black : (4,) DN of R, G1, G2, B.
+    colours : of the quad there; "" of a sensor without colours, which has one plane. white : DN.
+    black, libraw_black : (P,) DN of each plane, of R, G1, G2, B or of grey.
     uneven : of each plane, where black differs within one; `black` is its mean.
     masked, tagged : whether black is that of a masked border, and that of the file's tags.
     doubts : what the user should know, in words.
@@ -94,8 +94,13 @@ class Mosaic:
 
     @property
     def places(self) -> list[tuple[int, int]]:
-        """Row and column within the quad of R, G1, G2 and B."""
+        """Row and column within the quad of R, G1, G2 and B; the one of a plane of grey."""
         return _list_places(self.colours)
+
+    @property
+    def step(self) -> int:
+        """Samples from one of a plane to the next."""
+        return find_quad_side(self.colours)
 
 
 @contextmanager
@@ -123,6 +128,17 @@ def open_raw(data: bytes, name: str) -> Iterator[RawInput]:
         raise DecodeError(
             f"cannot decode {name}: {reason or type(err).__name__}", hint=hint
         ) from err
+
+
+def find_quad_side(colours: str) -> int:
+    """Samples along a side of what becomes one pixel: of a quad of these colours 2, of a sensor
+    without colours 1."""
+    return 2 if colours else 1
+
+
+def is_grey(raw: RawInput) -> bool:
+    """Whether an open file is of a sensor without colours."""
+    return raw.libraw.num_colors == 1 if raw.form is None else not raw.form.colours
 
 
 def read_mosaic(raw: RawInput) -> Mosaic:
@@ -223,12 +239,8 @@ def _of_libraw(raw: RawInput, sensor: NDArray[np.generic]) -> Mosaic:
     """Levels and picture as LibRaw has them. Raises DecodeError for another mosaic than Bayer."""
     libraw = raw.libraw
     corner = libraw.sizes.top_margin, libraw.sizes.left_margin
-    numbers, colours = _libraw_mosaic(libraw, corner)
-    if colours not in BAYER or numbers is None:
-        if numbers is None or numbers.shape == (1, 1):
-            raise make_unreadable(
-                raw.name, "of a monochrome sensor", "take a camera with a Bayer mosaic"
-            )
+    numbers, colours = _libraw_mosaic(raw, corner)
+    if colours not in ("", *BAYER) or not numbers.size:
         raise make_unreadable(raw.name, *describe_mosaic(colours, numbers.shape[1]))
     black = _libraw_levels(libraw, numbers, _list_places(colours))
     first, size = find_picture(raw)
@@ -251,20 +263,22 @@ def _of_dng(raw: RawInput, form: DngForm, sensor: NDArray[np.generic]) -> Mosaic
     """Levels and picture as the tags of a DNG have them."""
     first, size = find_picture(raw)
     colours = form.colours
-    quads = size[0] // 2, size[1] // 2
+    step = find_quad_side(colours)
+    quads = size[0] // step, size[1] // step
     if min(quads) < 1:
         raise DecodeError(
             f"cannot decode {raw.name}: its picture has {size[1]} x {size[0]} samples",
             hint="fetch it from the camera again",
         )
-    planes = tuple(form.black.of_plane(place, quads) for place in _list_places(colours))
+    planes = tuple(form.black.of_plane(place, quads, step) for place in _list_places(colours))
     black = np.array([plane.mean for plane in planes])
     even = all(plane.even for plane in planes)
     libraw_black, doubts = black, list(form.doubts)
     if not form.floating:
-        numbers, theirs = _libraw_mosaic(raw.libraw, first)
-        if numbers is None or theirs != colours:
-            doubts.append(f"LibRaw sees a mosaic {theirs or 'of no colours'}, the tags {colours}")
+        numbers, theirs = _libraw_mosaic(raw, first)
+        if not numbers.size or theirs != colours:
+            none = "of no colours"
+            doubts.append(f"LibRaw sees a mosaic {theirs or none}, the tags {colours or none}")
         else:
             libraw_black = _libraw_levels(raw.libraw, numbers, _list_places(colours))
             doubts += _compare_levels(raw, form, black, libraw_black)
@@ -321,16 +335,16 @@ def _with_border(raw: RawInput, mosaic: Mosaic) -> Mosaic:
         areas, wrong = choose_dark_areas(raw.form.masked, (shape[0], shape[1]), raw.form.active)
         doubts += [wrong] if wrong else []
         if not raw.form.black.pattern.any():
-            tagged = np.full(4, np.nan)  # a level of zero is mostly none
+            tagged = np.full(len(mosaic.places), np.nan)  # a level of zero is mostly none
     elif raw.tags is not None and raw.tags.canon and left > 2 * _CANON_GUARD:
         areas = [(top, _CANON_GUARD, top + raw.libraw.sizes.height, left - _CANON_GUARD)]
     places = [(top + row, left + column) for row, column in mosaic.places]
-    measured = measure_dark_areas(mosaic.sensor, areas, places)
+    measured = measure_dark_areas(mosaic.sensor, areas, places, mosaic.step)
     if not areas:
         return replace(mosaic, doubts=tuple(doubts))
     masked = measured is not None
     if measured is None:  # too few; LibRaw takes what there is, or the tags
-        measured = mosaic.libraw_black, np.zeros(4)
+        measured = mosaic.libraw_black, np.zeros(len(places))
     bottom, right = top + mosaic.size[0], left + mosaic.size[1]
     darkest = np.array(
         [
@@ -345,17 +359,18 @@ def _with_border(raw: RawInput, mosaic: Mosaic) -> Mosaic:
     return replace(mosaic, black=measured[0], masked=masked, tagged=False, doubts=tuple(doubts))
 
 
-def _libraw_mosaic(
-    libraw: rawpy.RawPy, first: tuple[int, int]
-) -> tuple[NDArray[np.uint8] | None, str]:
-    """LibRaw's numbers of colours from the picture's `first` sample on, and their letters; G2 is
-    G."""
+def _libraw_mosaic(raw: RawInput, first: tuple[int, int]) -> tuple[NDArray[np.uint8], str]:
+    """LibRaw's numbers of colours from the picture's `first` sample on, and their letters; G2 is G,
+    and of one colour there are none. Nothing of a mosaic that it does not tell."""
+    libraw = raw.libraw
+    if libraw.num_colors == 1:
+        return np.zeros((1, 1), np.uint8), ""
     try:
         numbers = libraw.raw_pattern
     except NotImplementedError:  # of a mosaic for which its binding has no form
-        return np.zeros((0, 0), np.uint8), ""
+        numbers = None
     if numbers is None:
-        return None, ""
+        return np.zeros((0, 0), np.uint8), ""
     numbers = np.roll(numbers, (-first[0], -first[1]), axis=(0, 1))
     letters = libraw.color_desc.decode()
     return numbers, "".join(letters[n] if n < len(letters) else "?" for n in numbers.ravel())
@@ -370,5 +385,7 @@ def _libraw_levels(
 
 def _list_places(colours: str) -> list[tuple[int, int]]:
     """(row, column) within the quad of R, G1, G2, B, where G1 shares its row with R."""
+    if not colours:
+        return [(0, 0)]
     red, blue = divmod(colours.index("R"), 2), divmod(colours.index("B"), 2)
     return [red, (red[0], blue[1]), (blue[0], red[1]), blue]

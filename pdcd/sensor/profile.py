@@ -36,7 +36,8 @@ PROFILE_FOLDERS = (_PACKAGE / "_config" / "sensors", _PACKAGE.parent / "config" 
 NOMINAL_RESPONSIVITY_E = (4.8e6, 8.6e6, 5.6e6)
 """Electrons per scene unit and second at f/1 (R, G, B) where `camera.responsivity_e` is not given:
 a half-grey scene then fills the well of the "modern" sensor about two thirds in a default capture
-at f/8. True of the mock camera; for a real bench without a calibration only a scale."""
+at f/8. True of the mock camera; for a real bench without a calibration only a scale. A sensor
+without colours has no filters before it, and gets the sum (`weigh_colours`)."""
 
 _MAX_BYTES = 2**20
 """Longest profile that is read."""
@@ -49,10 +50,25 @@ _LARGEST_PHOTO_BYTES = 1 << 28
 _MAX_ISO = 65535  # what EXIF's PhotographicSensitivity holds
 
 
-def responsivity_e(config: CameraConfig) -> NDArray[np.float64]:
-    """What every camera driver tells as `CameraInfo.responsivity_e`, (3,): as configured, or else
-    nominal. A real camera cannot know it; the run is marked with a warning then."""
-    return np.array(config.responsivity_e or NOMINAL_RESPONSIVITY_E)
+def responsivity_e(config: CameraConfig, colours: int = 3) -> NDArray[np.float64]:
+    """What every camera driver tells as `CameraInfo.responsivity_e`: as configured or else nominal,
+    (3,), or (1,) of a sensor of one colour. Drivers that cannot know how many there are leave that
+    to the rig. A real camera cannot know its answer; the run is marked with a warning then."""
+    light = np.array(config.responsivity_e or NOMINAL_RESPONSIVITY_E)
+    return light.sum(keepdims=True) if colours == 1 else light
+
+
+def weigh_colours(light: NDArray[np.float64], colours: int) -> NDArray[np.float64]:
+    """Light of a scene, (..., 3) in scene units, as a sensor of so many colours sees it: (..., 3)
+    or (..., 1).
+
+    A sensor without colours sees the mean of red, green and blue, each as much as the filter of
+    that colour lets through (`NOMINAL_RESPONSIVITY_E`): white of one scene unit stays one.
+    """
+    if colours == 3:
+        return light
+    shares = np.array(NOMINAL_RESPONSIVITY_E)
+    return np.asarray(light @ (shares / shares.sum()))[..., None]
 
 
 class IsoRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -79,8 +95,10 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rows
         The ISO settings, ascending.
     frame_quads
-        Width and height of its full-size photos in Bayer quads, as LibRaw shows them; None where
-        that is not known.
+        Width and height of its full-size photos in Bayer quads, as LibRaw shows them, or in samples
+        of a sensor without colours; None where that is not known.
+    mono
+        True for a sensor without colours; left out for one behind a Bayer mosaic.
     base
         The profile (a name, or a path) that this one was measured in the place of; "" for one that
         nobody measured. A mock body stays what that one says.
@@ -100,6 +118,7 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rows: tuple[IsoRow, ...]
     frame_quads: tuple[int, int] | None = None
     base: str = ""
+    mono: bool | msgspec.UnsetType = msgspec.UNSET
 
     def __post_init__(self) -> None:
         faults = [
@@ -130,6 +149,11 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             numbers.append((f"gain_e_per_dn at ISO {row.iso}", row.gain_e_per_dn))
             numbers.append((f"read_noise_e at ISO {row.iso}", row.read_noise_e))
         return numbers
+
+    @property
+    def colours(self) -> int:
+        """Of its photos: 3, or 1 of a sensor without colours."""
+        return 1 if self.mono is True else 3
 
     @property
     def isos(self) -> tuple[int, ...]:

@@ -72,9 +72,10 @@ def check_samples(
 ) -> tuple[str, ...]:
     """Look for samples that cannot be, and say what is odd. Raises DecodeError.
 
-    samples : (4, h, w) DN, black included. black : (4,) DN. packed : whether the file is
+    samples : (P, h, w) DN, black included. black : (P,) DN. packed : whether the file is
     compressed; in one that is not, every number stands as it is, and is believed.
     """
+    step = _row_step(samples)
     for plane, level in zip(samples, black, strict=True):
         low = 0.5 * float(level)
         if level >= max(_LEAST_BLACK, _LEAST_BLACK_SHARE * white):
@@ -83,12 +84,12 @@ def check_samples(
             if absent >= min(_ABSENT, max(plane.size // _BLOCK_QUADS // _ABSENT**2, 1)):
                 raise DecodeError(
                     f"cannot decode {name}: not all samples are in it, {absent * _BLOCK_QUADS} of "
-                    f"a colour lie far below black, from row {2 * rows[0]} on",
+                    f"a colour lie far below black, from row {step * rows[0]} on",
                     hint=_AGAIN,
                 )
         held, row = _count_held(plane, float(level), white)
         if held:
-            said = f"{held} samples of a colour are one number, from row {row} on"
+            said = f"{held} samples of a colour are one number, from row {step * row} on"
             if packed:
                 raise DecodeError(f"cannot decode {name}: {said}", hint=_AGAIN)
             return (said,)
@@ -101,6 +102,7 @@ def check_zeros(samples: NDArray[np.generic], name: str, *, packed: bool) -> tup
 
     samples, packed : as of `check_samples`. Raises DecodeError.
     """
+    step = _row_step(samples)
     for plane in samples:
         lit = _blocks(plane) != 0.0
         empty, full = ~lit.any(axis=1), lit.all(axis=1)
@@ -109,7 +111,7 @@ def check_zeros(samples: NDArray[np.generic], name: str, *, packed: bool) -> tup
             first = int(np.flatnonzero(empty)[0]) * _BLOCK_QUADS // plane.shape[1]
             said = (
                 f"{int(empty.sum())} times {_BLOCK_QUADS} of a colour are zero, from row "
-                f"{2 * first} on"
+                f"{step * first} on"
             )
             if packed:
                 raise DecodeError(
@@ -131,6 +133,11 @@ def check_hole(hole_bytes: int, even: int, name: str) -> None:
         )
 
 
+def _row_step(samples: NDArray[np.generic]) -> int:
+    """Rows of the sensor from one of a plane to the next."""
+    return 1 if len(samples) == 1 else 2
+
+
 def _count_held(plane: NDArray[np.generic], black: float, white: float) -> tuple[int, int]:
     """Samples in blocks of one number that is neither white nor black, in a plane that has others,
     and the first row with such; 0 of few, and of a plane that is mostly such."""
@@ -146,7 +153,7 @@ def _count_held(plane: NDArray[np.generic], black: float, white: float) -> tuple
         low, high = blocks.min(axis=1), blocks.max(axis=1)
         held += int(np.count_nonzero((low == high) & (abs(low - black) > level) & (low < top)))
     if _BLOCKS <= held < plane.size // _BLOCK_QUADS // 2:
-        return held * _BLOCK_QUADS, 2 * int(rows[0])
+        return held * _BLOCK_QUADS, int(rows[0])
     return 0, 0
 
 

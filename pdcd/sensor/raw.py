@@ -26,7 +26,14 @@ from pdcd.errors import DecodeError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import MAX_RAW_BYTES, read_file
 from pdcd.sensor.bands import run_in_bands
-from pdcd.sensor.mosaic import Mosaic, RawInput, find_picture, open_raw, read_mosaic
+from pdcd.sensor.mosaic import (
+    Mosaic,
+    RawInput,
+    find_picture,
+    is_grey,
+    open_raw,
+    read_mosaic,
+)
 from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
 from pdcd.sensor.proof import check_hole, check_samples, check_zeros
 from pdcd.sensor.tiff import DATE_TAKEN, MODEL
@@ -35,24 +42,28 @@ from pdcd.sensor.whole import find_stop_tags, measure_hole
 RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
 """How names of RAW files end, in lower case."""
 
+_OF_COLOURS = {4: ((0,), (1, 2), (3,)), 1: ((0,),)}
+"""By the number of planes: those of each colour."""
+
 WHOLE_AXIS = slice(None)
 """All rows, or all columns."""
 
 
 @dataclass(frozen=True)
 class RawFrame:
-    """One decoded photo; one pixel per Bayer quad.
+    """One decoded photo; one pixel per Bayer quad, or per sample of a sensor without colours.
 
-    samples : (4, h, w) uint16
-        R, G1 (the green of the red rows), G2, B in DN, black included; `planes` is without. float32
+    samples : (P, h, w) uint16
+        4 planes: R, G1 (the green of the red rows), G2, B in DN, black included; `planes` is
+        without. 1 of a sensor without colours. float32
         of a file whose samples are real numbers or wider, and where black differs within a plane:
         there what it differs by from the plane's `black` is taken off.
     saturated : (h, w) bool
         True where any sample of the quad is at or above saturation.
-    black : (4,) float64
+    black : (P,) float64
         Black level in DN that is taken off each plane: the mean of the masked border, or else what
         the tags of a DNG say, or LibRaw.
-    libraw_black : (4,) float64
+    libraw_black : (P,) float64
         Black level in DN by LibRaw: from tags, or its own mean of a border, cut to whole numbers.
         As `black` of a file that LibRaw does not read.
     masked, tagged : bool
@@ -65,7 +76,7 @@ class RawFrame:
         How a viewer would turn the picture: 0 not at all, 3 by 180 degrees, 5 by 90 to the left,
         6 by 90 to the right. The planes are not turned: pixels stay where the sensor has them.
     pattern : str
-        Colours of the quad in the file, row by row, e.g. "RGGB".
+        Colours of the quad in the file, row by row, e.g. "RGGB"; "" of a sensor without colours.
     side : int
         Quads of the file that one here is the mean of, each way; `samples` are float32 where that
         is more than 1.
@@ -92,12 +103,17 @@ class RawFrame:
 
     @property
     def frame(self) -> tuple[int, int]:
-        """Rows and columns of pixels, one for each Bayer quad."""
+        """Rows and columns of pixels."""
         return int(self.samples.shape[1]), int(self.samples.shape[2])
 
     @property
+    def colours(self) -> int:
+        """How many: 3, or 1 of a sensor without colours."""
+        return len(_OF_COLOURS[len(self.samples)])
+
+    @property
     def planes(self) -> NDArray[np.float32]:
-        """(4, h, w), samples minus black, signed, in DN; made anew every time."""
+        """(P, h, w), samples minus black, signed, in DN; made anew every time."""
         return self.signal()
 
     def signal(self, rows: slice = WHOLE_AXIS, columns: slice = WHOLE_AXIS) -> NDArray[np.float32]:
@@ -110,14 +126,14 @@ class RawFrame:
         those that are not saturated, where these are half of them at least. `side` divides rows and
         columns."""
         rows, cols = (length // side for length in self.frame)
-        samples = np.zeros((4, rows, cols), np.float32)
+        samples = np.zeros((len(self.samples), rows, cols), np.float32)
         saturated = np.empty((rows, cols), np.bool_)
 
         def band(some: slice) -> None:
             fine = slice(side * some.start, side * some.stop)
             good = ~self.saturated[fine]
             share = shrink_image(good.astype(np.float32), side)
-            for plane in range(4):
+            for plane in range(len(samples)):
                 light = np.where(good, self.samples[plane, fine], np.float32(0.0))
                 mean = shrink_image(light, side)
                 np.divide(mean, share, out=samples[plane, some], where=share > 0.0)
@@ -152,7 +168,7 @@ def read_raw(
     saturation_dn: float | None = None,
     data: bytes | None = None,
 ) -> RawFrame:
-    """Decode a RAW file of a camera with a 2x2 Bayer mosaic.
+    """Decode a RAW file of a camera with a 2x2 Bayer mosaic, or without colours.
 
     Parameters
     ----------
@@ -173,7 +189,7 @@ def read_raw(
     Raises
     ------
     DecodeError
-        The file cannot be read, is not the announced one, is not whole or damaged, or has no Bayer
+        The file cannot be read, is not the announced one, is not whole or damaged, or has another
         mosaic; the message names what it has.
     """
     data = _read_checked(path, sha256, size_bytes, data)
@@ -191,6 +207,7 @@ class RawHead:
     frame, flip, model : as of `RawFrame`.
     masked : (rows, columns) of samples of the sensor that lie beyond the picture, masked borders
         among them.
+    colours : as of `RawFrame`.
     exposure_s : as of `RawFrame`; of a file that is not built on TIFF its samples are unpacked.
     """
 
@@ -199,6 +216,7 @@ class RawHead:
     model: str
     masked: tuple[int, int]
     exposure_s: float = 0.0
+    colours: int = 3
 
     @property
     def turned(self) -> str:
@@ -215,16 +233,18 @@ def read_raw_head(path: Path, *, sha256: str | None = None, data: bytes | None =
     data = _read_checked(path, sha256, None, data)
     with open_raw(data, path.name) as raw:
         sizes, tags = raw.libraw.sizes, raw.tags
-        height, width = find_picture(raw)[1]
+        (height, width), grey = find_picture(raw)[1], is_grey(raw)
+        side = 1 if grey else 2
         if tags is None:
             raw.libraw.unpack()  # LibRaw tells its time no earlier
         exposure_s = tags.exposure_s if tags else _single(raw.libraw.other.shutter_speed)
     return RawHead(
-        frame=(height // 2, width // 2),
+        frame=(height // side, width // side),
         flip=sizes.flip,
         model=tags.text(MODEL) if tags else "",
         masked=(sizes.raw_height - sizes.height, sizes.raw_width - sizes.width),
         exposure_s=exposure_s,
+        colours=1 if grey else 3,
     )
 
 
@@ -285,10 +305,11 @@ def _read_checked(
 
 def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFrame:
     """Planes and metadata of an open file; everything is copied, as LibRaw's memory goes away."""
-    height, width = mosaic.size[0] // 2, mosaic.size[1] // 2
+    step = mosaic.step
+    height, width = mosaic.size[0] // step, mosaic.size[1] // step
     sensor, uneven = mosaic.sensor, mosaic.uneven
     whole = uneven is None and sensor.dtype == np.uint16
-    samples = np.empty((4, height, width), np.uint16 if whole else np.float32)
+    samples = np.empty((len(mosaic.places), height, width), np.uint16 if whole else np.float32)
     saturated = np.zeros((height, width), np.bool_)
     white = math.ceil(mosaic.white) if whole else mosaic.white
     top, left = mosaic.first
@@ -296,8 +317,8 @@ def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFra
     def band(rows: slice) -> None:
         for plane, (row, column) in enumerate(mosaic.places):
             row, column = top + row, left + column
-            there = sensor[row + 2 * rows.start : row + 2 * rows.stop : 2]
-            light = there[:, column : column + 2 * width : 2]
+            there = sensor[row + step * rows.start : row + step * rows.stop : step]
+            light = there[:, column : column + step * width : step]
             here = samples[plane, rows]
             here[...] = light
             saturated[rows] |= here >= white
@@ -348,9 +369,10 @@ def _check_frame(raw: RawInput, mosaic: Mosaic, frame: RawFrame) -> tuple[str, .
 
 
 def shrink_image(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
-    """Means of squares of `side` x `side` pixels of (h, w) or (h, w, 3); `side` divides h and w."""
+    """Means of squares of `side` x `side` pixels of (h, w) or (h, w, C); `side` divides h and w."""
     size = values.shape[1] // side, values.shape[0] // side
-    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+    shrunk = np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+    return shrunk.reshape(size[1], size[0], *values.shape[2:])
 
 
 def _single(value: float) -> float:
@@ -358,34 +380,38 @@ def _single(value: float) -> float:
     return float(str(np.float32(value)))
 
 
-def to_rgb(planes: NDArray[np.float32], factors: ArrayLike = (1.0, 1.0, 1.0)) -> Floats:
+def to_colours(planes: NDArray[np.float32], factors: ArrayLike = 1.0) -> Floats:
     """(4, h, w) planes R, G1, G2, B -> (h, w, 3) float64, the two greens averaged, each channel
-    times its factor. Channels lie one after the other in memory."""
-    red, green, blue = np.asarray(factors, dtype=np.float64)
-    out = np.empty((3, *planes.shape[1:]))
-    np.multiply(planes[0], red, out=out[0])
-    np.add(planes[1], planes[2], out=out[1], dtype=np.float64)
-    out[1] *= 0.5 * green
-    np.multiply(planes[3], blue, out=out[2])
+    times its factor; (1, h, w) -> (h, w, 1). Channels lie one after the other in memory."""
+    of_colours = _OF_COLOURS[len(planes)]
+    out = np.empty((len(of_colours), *planes.shape[1:]))
+    each = np.broadcast_to(np.asarray(factors, np.float64), len(of_colours))
+    for light, (first, *more), factor in zip(out, of_colours, each, strict=True):
+        if not more:
+            np.multiply(planes[first], factor, out=light)
+            continue
+        np.add(planes[first], planes[more[0]], out=light, dtype=np.float64)
+        light *= 0.5 * factor
     return np.moveaxis(out, 0, -1)
 
 
-def compute_rgb_variance(
+def compute_colour_variance(
     planes: NDArray[np.float32],
     profile: SensorProfile,
     iso: int,
     exposure_s: float,
-    factors: ArrayLike = (1.0, 1.0, 1.0),
+    factors: ArrayLike = 1.0,
     dtype: type[np.floating] = np.float64,
 ) -> NDArray[np.floating]:
-    """Variance of `to_rgb(planes, factors)` by the sensor's noise model, (h, w, 3) of `dtype`.
+    """Variance of `to_colours(planes, factors)` by the sensor's noise model, (h, w, C) of `dtype`.
 
     The measured samples stand in for the expected ones, so that the photon part is itself noisy
     (and a little high where there is no light). Raises `ConfigError` for an unknown ISO.
     """
-    out = np.empty((3, *planes.shape[1:]), dtype)
-    of_planes = ((0,), (1, 2), (3,))
-    for channel, (which, factor) in enumerate(zip(of_planes, np.asarray(factors), strict=True)):
+    of_colours = _OF_COLOURS[len(planes)]
+    out = np.empty((len(of_colours), *planes.shape[1:]), dtype)
+    each = np.broadcast_to(np.asarray(factors), len(of_colours))
+    for channel, (which, factor) in enumerate(zip(of_colours, each, strict=True)):
         if dtype is np.float32:
             _variance_single(planes, which, profile, iso, exposure_s, factor, out[channel])
             continue

@@ -183,7 +183,6 @@ def make_run_record(
     room: DarkPhoto | None = None,
 ) -> RunRecord:
     """What a run by this plan has to remember of itself, with the shots taken so far."""
-    red, green, blue = (float(r) for r in camera.responsivity_e)
     return RunRecord(
         goal=plan.recipe.target.goal,
         how=plan.how,
@@ -193,7 +192,7 @@ def make_run_record(
         cells=cells,
         projector=config.projector,
         mask=config.mask,
-        responsivity_e=(red, green, blue),
+        responsivity_e=tuple(float(light) for light in camera.responsivity_e),
         profile=profile,
         shots=tuple(shots),
         stops=tuple(stops),
@@ -257,7 +256,9 @@ def compute_transport_figures(
     error = None
     # On a bench of pixels detail is no matter of cells: their entries are not what is seen there.
     if scene is not None and scene.grid == grid and not (pixels and scene.textures):
-        error = found.rms_error(compute_true_entries(scene, found.seen, found.lit))
+        error = found.rms_error(
+            compute_true_entries(scene, found.seen, found.lit, colours=found.entries.shape[2])
+        )
     sigma = found.rms_sigma if np.isfinite(found.rms_sigma) else None
     return {
         "transport_photos": found.photos,

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
 from pdcd.pictures.truth import apply_probing_matrix
+from pdcd.probing.wanted import WantedMatrix
 from pdcd.recipes.recipe import Extremes, Recipe, Rule
+from pdcd.sensor.profile import weigh_colours
 from pdcd.virtual.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -26,13 +28,16 @@ def compute_true_pictures(
     optics: OpticalBench,
     alive: Callable[[], None] = lambda: None,
     kept: Mapping[str, _Image] = _NOTHING,
+    *,
+    colours: int = 3,
 ) -> dict[str, _Image]:
     """Every picture of a recipe as the camera's quads would have it of a perfect run, by name.
 
-    Each (h, w, 3), scene units. Extremes of photos are taken quad by quad, as of photos. `alive` is
-    called now and then, and may raise to end the work. `kept` holds those that are known already.
+    Each (h, w, C) of so many `colours`, scene units. Extremes of photos are taken quad by quad, as
+    of photos. `alive` is called now and then, and may raise to end the work. `kept` holds those
+    that are known already.
     """
-    photos = _Photos(recipe, optics, alive)
+    photos = _Photos(recipe, optics, colours, alive)
     return {
         name: kept[name] if name in kept else photos.picture(name, rule)
         for name, rule in recipe.pictures.items()
@@ -42,8 +47,10 @@ def compute_true_pictures(
 class _Photos:
     """True photos, each worked out when it is first wanted."""
 
-    def __init__(self, recipe: Recipe, optics: OpticalBench, alive: Callable[[], None]) -> None:
-        self._recipe, self._optics, self._alive = recipe, optics, alive
+    def __init__(
+        self, recipe: Recipe, optics: OpticalBench, colours: int, alive: Callable[[], None]
+    ) -> None:
+        self._recipe, self._optics, self._colours, self._alive = recipe, optics, colours, alive
         self._wanted = {photo.name: photo.wanted for photo in recipe.photos}
         self._known: dict[str, Floats] = {}
 
@@ -51,13 +58,7 @@ class _Photos:
         """What a rule makes of the true photos; the answer of an estimate is what it estimates."""
         recipe = self._recipe
         if name == recipe.answer_name and recipe.meant is not None:
-            meant = recipe.meant
-            return self._optics.wanted(
-                lambda part: apply_probing_matrix(part, meant, self._alive),
-                meant,
-                self._alive,
-                grid=recipe.target.grid,
-            )
+            return self._seen(recipe.meant)
         if isinstance(rule, Extremes):
             stack = np.stack([self._photo(photo) for photo in rule.photos])
             return np.asarray(rule.largest * stack.max(axis=0) + rule.smallest * stack.min(axis=0))
@@ -65,11 +66,15 @@ class _Photos:
 
     def _photo(self, name: str) -> Floats:
         if name not in self._known:
-            wanted = self._wanted[name]
-
-            def seen(part: Scene) -> Floats:
-                return apply_probing_matrix(part, wanted, self._alive)
-
-            grid = self._recipe.target.grid
-            self._known[name] = self._optics.wanted(seen, wanted, self._alive, grid=grid)
+            self._known[name] = self._seen(self._wanted[name])
         return self._known[name]
+
+    def _seen(self, wanted: WantedMatrix) -> Floats:
+        """What a wanted matrix makes of the scene."""
+
+        def answer(part: Scene) -> Floats:
+            return apply_probing_matrix(part, wanted, self._alive)
+
+        grid = self._recipe.target.grid
+        image = self._optics.wanted(answer, wanted, self._alive, grid=grid)
+        return weigh_colours(image, self._colours)

@@ -146,8 +146,9 @@ class Worker:
         record = darkroom.record
         windows = [plan.window_of(shot) for shot in plan.recipe.shots]
         known = find_known_answer(
-            facts.config, facts.scene, plan.recipe, windows, record.cells, watch
-        )
+            facts.config, facts.scene, plan.recipe, windows, record.cells, watch,
+            colours=len(record.responsivity_e),
+        )  # fmt: skip
         errors: tuple[float | None, float | None] = (None, None)
         if known is not None:
             errors = known.rms_errors(decoded.answer, decoded.cell_means, decoded.cells)

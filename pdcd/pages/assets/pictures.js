@@ -8,10 +8,10 @@ const FEW_PX = 400;
 function viewsOf(data) {
   const [width, height] = data.size, pixels = width * height, views = [];
   const full = (small, shape) => {
-    const [, rows, columns] = shape;
+    const [planes, rows, columns] = shape;
     if (rows === height && columns === width) return small;
-    const out = new Float32Array(3 * pixels);
-    for (let c = 0, i = 0; c < 3; c++) for (let y = 0; y < height; y++) {
+    const out = new Float32Array(planes * pixels);
+    for (let c = 0, i = 0; c < planes; c++) for (let y = 0; y < height; y++) {
       const line = (c * rows + Math.min(y >> 1, rows - 1)) * columns;
       for (let x = 0; x < width; x++) out[i++] = small[line + Math.min(x >> 1, columns - 1)];
     }
@@ -42,10 +42,19 @@ function viewsOf(data) {
   return views;
 }
 
+// The channels of a picture: three, or one of a camera without colours.
+function planesOf(values, pixels) {
+  return Array.from({ length: values.length / pixels }, (_, c) => values.subarray(c * pixels, (c + 1) * pixels));
+}
+
 // Mean of the channels of each pixel.
 function greyOf(values, pixels) {
-  const grey = new Float32Array(pixels);
-  for (let i = 0; i < pixels; i++) grey[i] = (values[i] + values[pixels + i] + values[2 * pixels + i]) / 3;
+  const grey = new Float32Array(pixels), planes = planesOf(values, pixels);
+  for (let i = 0; i < pixels; i++) {
+    let sum = 0;
+    for (const plane of planes) sum += plane[i];
+    grey[i] = sum / planes.length;
+  }
   return grey;
 }
 
@@ -82,6 +91,7 @@ function pictureViewer(data, onCell) {
     const context = side.canvas.getContext("2d"), image = context.createImageData(width, height);
     const out = image.data, { values, grey, view } = side, top = topOf(side);
     side.top = top;
+    const planes = planesOf(values, pixels), many = planes.length;
     for (let i = 0, o = 0; i < pixels; i++, o += 4) {
       out[o + 3] = 255;
       if (!Number.isFinite(grey[i])) {
@@ -89,7 +99,7 @@ function pictureViewer(data, onCell) {
         out[o] = out[o + 1] = out[o + 2] = line;
       } else if (view.kind === "light") {
         for (let c = 0; c < 3; c++) {
-          const linear = values[c * pixels + i] / top * data.balance[c];
+          const linear = planes[c % many][i] / top * data.balance[c % many];
           const shown = GAMMA[Math.min(Math.round(Math.abs(linear) * 4095), 4095)];
           // Around a middle grey where there is light below 0 to be seen, as previews are.
           out[o + c] = view.negative ? (linear < 0 ? 127 - (shown >> 1) : 128 + (shown >> 1)) : linear < 0 ? 0 : shown;
@@ -138,7 +148,7 @@ function pictureViewer(data, onCell) {
   function histogram(canvas, side, unit) {
     const [context, wide, high] = sharp(canvas), { view, values, grey, top } = side;
     const light = view.kind === "light", bins = 120;
-    const planes = light ? [0, 1, 2].map((c) => values.subarray(c * pixels, (c + 1) * pixels)) : [grey];
+    const planes = light ? planesOf(values, pixels) : [grey];
     let low = Math.min(...planes.map((p) => percentile(p, 0.0005)));
     let end = Math.max(...planes.map((p) => percentile(p, 0.9995)));
     if (!(end > low)) { low -= 0.5 * Math.abs(low) || 0.5; end += 0.5 * Math.abs(end) || 0.5; }
@@ -154,7 +164,7 @@ function pictureViewer(data, onCell) {
     const at = axes(context, wide, high, { low, high: end, name: unit },
       { low: 0, high: most, name: "pixels", ticks: decades, write: (k) => (k ? `1e${k}` : "1") });
     counts.forEach((found, c) => {
-      context.strokeStyle = light ? INKS[c] : colour("--accent");
+      context.strokeStyle = planes.length > 1 ? INKS[c] : colour("--accent");
       context.beginPath();
       found.forEach((count, b) => {
         const y = at.down(Math.log10(count + 1));
@@ -193,7 +203,7 @@ function pictureViewer(data, onCell) {
 
   // Values at a pixel: what the read-out says, as numbers.
   function valuesAt(x, y) {
-    const at = y * width + x, pick = (p) => (p ? [0, 1, 2].map((c) => p[c * pixels + at]) : null);
+    const at = y * width + x, pick = (p) => (p ? planesOf(p, pixels).map((plane) => plane[at]) : null);
     return {
       x, y, cell: [Math.floor(((y + 0.5) / height) * data.grid[0]), Math.floor(((x + 0.5) / width) * data.grid[1])],
       sides: sides.map((side) => ({ id: side.view.id, value: pick(side.values), sigma: pick(side.sigma) })),
@@ -208,9 +218,9 @@ function pictureViewer(data, onCell) {
     const lines = [`x ${x}  y ${y}  cell ${row} ${column}`];
     found.sides.forEach((side, number) => {
       const unit = (sides[number].view.unit || "scene units").split(",")[0];
-      const parts = CHANNELS.map((name, c) => {
+      const parts = side.value.map((value, c) => {
         const error = side.sigma ? ` \u00b1 ${written(side.sigma[c])}` : "";
-        return `${name} ${written(side.value[c])}${error}`;
+        return `${side.value.length > 1 ? `${CHANNELS[c]} ` : ""}${written(value)}${error}`;
       });
       lines.push(`${side.id}: ${parts.join("   ")}  ${unit}`);
     });

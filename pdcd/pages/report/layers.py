@@ -51,7 +51,7 @@ _KIND = "picture"
 
 @dataclass(frozen=True)
 class AnswerTruth:
-    """What the answer is in truth, on the camera's quads: (h, w, 3) in scene units, and where it
+    """What the answer is in truth, on the camera's quads: (h, w, C) in scene units, and where it
     can be compared, (h, w)."""
 
     image: NDArray[np.floating]
@@ -63,7 +63,7 @@ class Layers:
     """Pictures of a page, packed.
 
     data : what the page has of each. size_px : width and height. quads : to a pixel. scale : what a
-    scene unit is shown as at a factor of 1. balance : factors of red, green and blue; only for the
+    scene unit is shown as at a factor of 1. balance : factors of the colours; only for the
     eyes. left_out : names of pictures for which there was no room.
     """
 
@@ -71,13 +71,13 @@ class Layers:
     size_px: tuple[int, int]
     quads: float
     scale: float
-    balance: tuple[float, float, float]
+    balance: tuple[float, ...]
     left_out: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """On the field: image (H, W, 3), NaN where nothing is known, and its sigma, infinite there;
+    """On the field: image (H, W, C), NaN where nothing is known, and its sigma, infinite there;
     `noise` is the usual error by the sensor alone."""
 
     image: Singles
@@ -85,7 +85,7 @@ class _Seen:
     known: Bools
     noise: float
 
-    def look(self, factors: tuple[float, float, float]) -> ToneStats:
+    def look(self, factors: tuple[float, ...]) -> ToneStats:
         """What decides on its brightness, once it is balanced."""
         some = (slice(None, None, choose_pixel_step(self.known)),) * 2
         image, known = self.image[some] * np.array(factors, np.float32), self.known[some]
@@ -190,5 +190,5 @@ def _packed(
 
 
 def _planes(image: Singles) -> Singles:
-    """(H, W, 3) -> (3, H, W)."""
+    """(H, W, C) -> (C, H, W)."""
     return np.ascontiguousarray(np.moveaxis(image, -1, 0))

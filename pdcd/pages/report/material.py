@@ -47,11 +47,12 @@ def foreseen_page_s(record: RunRecord, decoded: DecodedRun) -> float:
     """Processor time of a page by the size of the run, as measured on a machine of two cores."""
     width, height = choose_layer_size(len(decoded.pictures), decoded.view)
     pictures = min(len(decoded.pictures), MOST_PICTURES) + 1
-    values = 3 * width * height * pictures
+    colours = len(record.responsivity_e)
+    values = colours * width * height * pictures
     shots = {**decoded.shots, **decoded.sums}.values()
     entries = sum(s.realised.left.size + s.realised.right.size for s in shots)
     refreshes = sum(shot.refreshes for shot in record.shots)
-    quads = 3 * decoded.cells.frame[0] * decoded.cells.frame[1] * pictures
+    quads = colours * decoded.cells.frame[0] * decoded.cells.frame[1] * pictures
     return (
         _FIXED_S
         + _SHOT_S * len(record.shots)

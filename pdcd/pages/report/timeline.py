@@ -98,7 +98,7 @@ def make_light_budget(record: RunRecord, shots: Mapping[str, ExposedShot]) -> li
 
     lit : of the exposure, for how long a point was both lit and seen (what direct light gets).
     others : the same for all pairs of cells (what indirect light gets), open : the mask alone.
-    electrons : mean of green; full : brightest green sample over saturation.
+    electrons : mean of green, or of grey; full : the brightest such sample over saturation.
     """
     return [
         _line(shot, shots[shot.name], record)
@@ -112,9 +112,10 @@ def _line(shot: ShotRecord, exposed: ExposedShot, record: RunRecord) -> dict[str
     level = shot.level or 1.0  # what the light of the shot was divided by
     realised, cells = exposed.realised, exposed.realised.coaxial.size
     down, across = (max(n // _LOOKED_AT, 1) for n in exposed.saturated.shape)
-    green = exposed.light_at(slice(None, None, down), slice(None, None, across))[..., 1]
+    light = exposed.light_at(slice(None, None, down), slice(None, None, across))
+    main = light.shape[-1] // 2  # green, or all there is
     row = record.profile.row(shot.iso)
-    electrons = green * level * record.responsivity_e[1] / shot.f_number**2
+    electrons = light[..., main] * level * record.responsivity_e[main] / shot.f_number**2
     full_e = record.profile.saturation_dn(shot.iso) * row.gain_e_per_dn
     return {
         "name": shot.name,

@@ -40,6 +40,8 @@ _Words = NDArray[np.uint16]
 _Format = Literal["exr", "tiff16", "png16", "npz"]
 
 _ENDINGS: dict[_Format, str] = {"exr": "exr", "tiff16": "tiff", "png16": "png", "npz": "npz"}
+_PIXEL = {3: "Bayer quad", 1: "sample"}
+"""What a pixel of the camera is, by the number of colours."""
 _FULL = 65535
 """Largest value of 16 bits."""
 _UNITS = "scene units: a white, fully lit, facing matte surface is 1"
@@ -69,8 +71,9 @@ class ExportRequest:
 class ExportedFile(msgspec.Struct, frozen=True, kw_only=True):
     """One picture, ready to be written.
 
-    below, above, unknown : values (three a pixel) under black, over white, and such as are no
-        number; the first two are 0 where nothing is clipped.
+    values : numbers of the picture, three a pixel, or one without colours. below, above, unknown :
+        those under black, over white, and such as are no number; the first two are 0 where nothing
+        is clipped.
     """
 
     picture: str
@@ -78,6 +81,7 @@ class ExportedFile(msgspec.Struct, frozen=True, kw_only=True):
     """Of the file."""
     size_px: tuple[int, int]
     span: tuple[float, float] | None
+    values: int
     below: int
     above: int
     unknown: int
@@ -155,9 +159,9 @@ def _frame(images: dict[str, Singles]) -> tuple[int, int]:
 
 
 def _balance(images: dict[str, Singles], view: FieldView, asked: ExportRequest) -> WhiteBalance:
-    if asked.white_patch is None:
-        return WhiteBalance()
     image = next(iter(images.values()))
+    if asked.white_patch is None:
+        return WhiteBalance.none(image)
     sampler = FieldSampler(view, view.size_px(LEAST_PX, MOST_PREVIEW_PX))
     shown, known = sampler(image, find_known_pixels(image))
     found = balance_by_patch(shown, known, asked.white_patch)
@@ -202,7 +206,7 @@ def _told(
         "units": _UNITS,
         "geometry": "the field, as the projector sees it"
         if asked.upright
-        else "the camera's own, a pixel for each Bayer quad",
+        else f"the camera's own, a pixel for each {_PIXEL[len(balance.factors)]}",
         "white_balance": factors,
         "scene": "virtual" if manifest.mock else "real",
         "taken_utc": manifest.started_utc,
@@ -248,6 +252,7 @@ def _file(
         name=f"{told['job']}-{picture}.{_ENDINGS[format_]}",
         size_px=(width, height),
         span=span,
+        values=image.size,
         below=below,
         above=above,
         unknown=int(known.size - known.sum()),
@@ -264,12 +269,16 @@ def _npz_bytes(image: Singles, told: dict[str, str]) -> bytes:
 
 
 def exr_bytes(image: Singles, told: Mapping[str, str]) -> bytes:
-    """An OpenEXR file of a picture (h, w, 3) float32, linear RGB; every bit of it comes back.
+    """An OpenEXR file of a picture (h, w, 3) float32, linear RGB, or (h, w, 1), luminance;
+    every bit of it comes back.
 
     told : attributes, names of up to 31 ASCII letters.
     """
     import OpenEXR
 
+    channels = {"RGB": np.ascontiguousarray(image)}
+    if image.shape[2] == 1:
+        channels = {"Y": np.ascontiguousarray(image[..., 0])}
     head = {**told, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     # The library writes to a name only, and tells of a full disk in an error of no kind.
     with (
@@ -277,7 +286,7 @@ def exr_bytes(image: Singles, told: Mapping[str, str]) -> bytes:
         tempfile.NamedTemporaryFile(suffix=".exr") as file,
     ):
         try:
-            with OpenEXR.File(head, {"RGB": np.ascontiguousarray(image)}) as made:
+            with OpenEXR.File(head, channels) as made:
                 made.write(file.name)
         except RuntimeError as err:
             raise DiskError(f"cannot write {file.name}: {err}", hint="is the disk full?") from err
@@ -285,22 +294,28 @@ def exr_bytes(image: Singles, told: Mapping[str, str]) -> bytes:
 
 
 def tiff_bytes(image: _Words, told: Mapping[str, str], software: str) -> bytes:
-    """A picture (h, w, 3) uint16 as an uncompressed TIFF file.
+    """A picture (h, w, 3) or (h, w, 1) uint16 as an uncompressed TIFF file.
 
     Each line of `told` becomes one of the ImageDescription. All text is ASCII.
     """
     import tifffile
 
+    photometric, shown = ("rgb", image) if image.shape[2] == 3 else ("minisblack", image[..., 0])
     lines = _ascii("\n".join(f"{name}: {words}" for name, words in told.items()))
     file = io.BytesIO()
     tifffile.imwrite(
-        file, image, photometric="rgb", description=lines, software=_ascii(software), metadata=None
+        file,
+        shown,
+        photometric=photometric,
+        description=lines,
+        software=_ascii(software),
+        metadata=None,
     )
     return file.getvalue()
 
 
 def png_bytes(image: _Words, told: Mapping[str, str], software: str) -> bytes:
-    """A picture (h, w, 3) uint16 as a PNG file; a gAMA chunk says that it is linear.
+    """A picture (h, w, 3) or (h, w, 1) uint16 as a PNG file; a gAMA chunk says that it is linear.
 
     Each line of `told` becomes a tEXt chunk. All text is ASCII.
     """

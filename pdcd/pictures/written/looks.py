@@ -34,7 +34,6 @@ _NEUTRAL = 1.5
 """... and its strongest channel at most so many times its weakest."""
 _FEWEST = 0.005
 """... and takes at least such a share of the picture."""
-_SUM = np.ones(3, np.float32)
 WHITE_PICTURE = "white"
 """Name of the picture of all light."""
 LEVEL, LEVEL_PERCENT = 0.9, 99.0
@@ -56,18 +55,24 @@ _ENOUGH_PX = 400
 
 @dataclass(frozen=True)
 class WhiteBalance:
-    """`factors` of (R, G, B), green 1: green keeps its scene units. `source`: what was taken for
-    white; "camera" leaves the pictures as the responsivity of the camera makes them."""
+    """`factors` of (R, G, B), green 1: green keeps its scene units; of grey pictures (1,).
+    `source`: what was taken for white; "camera" leaves the pictures as the responsivity of the
+    camera makes them."""
 
-    factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    factors: tuple[float, ...]
     source: _Source = "camera"
+
+    @classmethod
+    def none(cls, image: Singles) -> WhiteBalance:
+        """That of the camera, of pictures such as this one, (..., C)."""
+        return cls((1.0,) * image.shape[-1])
 
 
 def balance_of(
     pictures: Mapping[str, tuple[Singles, Bools]], patch: tuple[float, float] | None
 ) -> WhiteBalance:
     """Of the pictures of one run on the whole field, by name: by the patch, where one was named and
-    can be seen, else by the white photo. Each is (H, W, 3) float32, and where it is known, (H, W).
+    can be seen, else by the white photo. Each is (H, W, C) float32, and where it is known, (H, W).
     """
     lit = pictures.get(WHITE_PICTURE)
     if patch is not None:
@@ -75,7 +80,7 @@ def balance_of(
         if found is not None:
             return found
     if lit is None:
-        return WhiteBalance()
+        return WhiteBalance.none(next(iter(pictures.values()))[0])
     image, known = lit
     step = choose_pixel_step(known)
     return balance_by_white_photo(image[::step, ::step], known[::step, ::step])
@@ -88,12 +93,12 @@ def balance_by_white_photo(picture: Singles, known: Bools) -> WhiteBalance:
     """
     light = picture[known]
     if not light.size:
-        return WhiteBalance()
-    bright = light[light @ _SUM >= _BRIGHT * _brightest(light)]
+        return WhiteBalance.none(picture)
+    bright = light[_sum(light) >= _BRIGHT * _brightest(light)]
     weakest = bright.min(axis=1)
     neutral = bright[(weakest > 0.0) & (bright.max(axis=1) <= _NEUTRAL * weakest)]
     if len(neutral) < _FEWEST * len(light):
-        return WhiteBalance()
+        return WhiteBalance.none(picture)
     return WhiteBalance(_factors(neutral), "white photo")
 
 
@@ -121,14 +126,19 @@ def balance_by_patch(
 
 
 def _brightest(light: Singles) -> float:
-    """Of colours (n, 3): the sum of the channels that the brightest of them reach."""
-    return float(np.percentile(light @ _SUM, _BRIGHTEST_PERCENT))
+    """Of colours (n, C): the sum of the channels that the brightest of them reach."""
+    return float(np.percentile(_sum(light), _BRIGHTEST_PERCENT))
 
 
-def _factors(light: Singles) -> tuple[float, float, float]:
-    """From colours (n, 3) that are white on average."""
-    red, green, blue = light.mean(axis=0, dtype=np.float64).tolist()
-    return green / red, 1.0, green / blue
+def _sum(light: Singles) -> Singles:
+    """Of colours (n, C), (n,)."""
+    return light @ np.ones(light.shape[1], np.float32)
+
+
+def _factors(light: Singles) -> tuple[float, ...]:
+    """From colours (n, C) that are white on average."""
+    each = light.mean(axis=0, dtype=np.float64).tolist()
+    return tuple(each[len(each) // 2] / one for one in each)
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,8 @@ def draw_value_table(grey: NDArray[np.float64], min_width_px: int = 640) -> NDAr
 
 
 def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Write an (H, W, 3) uint8 RGB picture as PNG. Raises `NoSpaceError`, or
-    `PdcdError` for any other refusal of the disk."""
+    """Write an (H, W, 3) uint8 RGB picture, or a grey (H, W, 1) one, as PNG. Raises
+    `NoSpaceError`, or `PdcdError` for any other refusal of the disk."""
     _check(path, picture)
     # Encoded in memory and written here, as cv2.imwrite reports a full disk only as False.
     data = encode_png(picture)
@@ -46,8 +46,8 @@ def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
 
 
 def write_tiff(path: Path, image: NDArray[np.floating]) -> None:
-    """Write an (h, w, 3) RGB image as uncompressed float32 TIFF: float32 values, negative and NaN
-    ones too, come back exactly. Raises `NoSpaceError`, or
+    """Write an (h, w, 3) RGB image, or a grey (h, w, 1) one, as uncompressed float32 TIFF: float32
+    values, negative and NaN ones too, come back exactly. Raises `NoSpaceError`, or
     `PdcdError` for any other refusal of the disk."""
     _check(path, image)
     singles = np.ascontiguousarray(image, dtype="<f4")
@@ -59,23 +59,26 @@ def write_tiff(path: Path, image: NDArray[np.floating]) -> None:
 
 
 def read_tiff(path: Path) -> NDArray[np.float32]:
-    """Read what `write_tiff` wrote, as (h, w, 3) float32 RGB. Raises `DecodeError`."""
+    """Read what `write_tiff` wrote, as (h, w, 3) float32 RGB, or (h, w, 1) grey. Raises
+    `DecodeError`."""
     try:
         with refuse_unsound(path):
             data = np.frombuffer(read_file(path, MAX_PICTURE_BYTES), dtype=np.uint8)
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     except cv2.error as err:  # an empty file, or a size beyond OpenCV's limits
         raise DecodeError(f"cannot decode {path.name}: {err.err}") from err
-    if image is None or image.dtype != np.float32 or image.ndim != 3 or image.shape[2] != 3:
+    if image is not None and image.ndim == 2:
+        image = image[..., None]
+    if image is None or image.dtype != np.float32 or image.shape[2:] not in ((1,), (3,)):
         raise DecodeError(
-            f"{path.name} is not a whole float32 RGB TIFF", hint="develop the run again"
+            f"{path.name} is not a whole float32 RGB or grey TIFF", hint="develop the run again"
         )
     return np.asarray(image[..., ::-1], dtype=np.float32).copy()
 
 
 def _check(path: Path, rgb: NDArray[np.generic]) -> None:
-    if rgb.ndim != 3 or rgb.shape[2] != 3 or not rgb.size:
-        raise ConfigError(f"{path.name}: an image needs shape (h, w, 3), not {rgb.shape}")
+    if rgb.shape[2:] not in ((1,), (3,)) or not rgb.size:
+        raise ConfigError(f"{path.name}: an image needs shape (h, w, 3 or 1), not {rgb.shape}")
 
 
 def draw_caption(

@@ -37,7 +37,7 @@ _CODES = np.rint(255.0 * np.linspace(0.0, 1.0, 65536) ** (1.0 / _GAMMA)).astype(
 
 @dataclass(frozen=True)
 class _Seen:
-    """A picture on the field: (H, W, 3) float32, where it is known, and its usual sigma."""
+    """A picture on the field: (H, W, C) float32, where it is known, and its usual sigma."""
 
     image: Singles
     known: Bools
@@ -71,14 +71,14 @@ class Previews:
         return self._brightness.factor(name)
 
     def drawn(self, name: str) -> Bytes:
-        """The preview of that name with its caption, (H, W, 3) uint8."""
+        """The preview of that name with its caption, (H, W, C) uint8."""
         seen, factor = self._seen[name], self.factor(name)
         scale = self._brightness.scale * factor
         shown, greys = (
             (encode_signed, _SIGNED) if self._brightness.signed(name) else (encode_gamma, _GREYS)
         )
         drawn = self._enlarged(shown(seen.image * np.float32(scale)), cv2.INTER_LINEAR)
-        notes = [f"white balance: {self.balance.source}"]
+        notes = [f"white balance: {self.balance.source}"] * (drawn.shape[2] > 1)
         if shown is encode_signed:
             notes.append("signed: middle grey is 0")
         if not seen.known.all():
@@ -87,13 +87,15 @@ class Previews:
             notes.append("hatched: not known")
         marks = [(int(shown(np.float32(g))), f"{g / scale:.2g}") for g in greys]
         title = f"{name}  x {factor:g}" if factor >= 1.0 else f"{name}  x 1/{1.0 / factor:g}"
-        return np.concatenate([drawn, draw_caption(drawn.shape[1], title, notes, marks)])
+        caption = draw_caption(drawn.shape[1], title, notes, marks)
+        return np.concatenate([drawn, caption[..., : drawn.shape[2]]])
 
     def _enlarged(self, drawn: Bytes, how: int) -> Bytes:
         """What is smaller than a preview, as large as one."""
         if drawn.shape[1::-1] == self._size_px:
             return drawn
-        return np.asarray(cv2.resize(drawn, self._size_px, interpolation=how), dtype=np.uint8)
+        large = np.asarray(cv2.resize(drawn, self._size_px, interpolation=how), dtype=np.uint8)
+        return large.reshape(*large.shape[:2], *drawn.shape[2:])  # OpenCV drops an axis of one
 
 
 def write_previews(
@@ -137,6 +139,6 @@ def _seen(picture: PictureWithErrors, sampler: FieldSampler) -> _Seen:
 
 
 def _hatch(drawn: Bytes, where: Bools) -> None:
-    """Mark pixels of a picture (H, W, 3) as not known, by quiet diagonal lines."""
+    """Mark pixels of a picture (H, W, C) as not known, by quiet diagonal lines."""
     down, right = np.nonzero(where)
     drawn[down, right] = np.where((down + right) % 8 < 2, *HATCH[::-1])[:, None]

@@ -97,10 +97,22 @@ def test_further_passes_are_in_the_time_that_an_exposure_may_take(config: Path) 
     assert longest["balance"] == pytest.approx(8.0 * shown_s + settles_s + 30.0)
 
 
-def test_a_sensor_that_cannot_be_read_yet_is_refused_before_there_is_light(config: Path) -> None:
+def test_a_sensor_without_colours_makes_runs_of_one_colour(config: Path) -> None:
     made = engine_of(config, "stranger-grey")
-    with pytest.raises(ConfigError, match="no colours"):
+    made.start()
+    result = bench_rig.capture(made, CaptureRequest(goal="direct", codes=64))
+    made.stop()
+    assert result.state == "done", result.error
+    run = pdcd.open(Path(str(result.folder)))
+    steps = np.repeat([0.2, 0.4, 0.6, 0.8], 2)[None, :, None]
+    assert run.image.shape == (*run.grid, 1)
+    assert np.abs(run.image / steps - 1.0).max() < 0.02
+
+
+def test_a_mosaic_that_cannot_be_read_is_refused_before_there_is_light(config: Path) -> None:
+    made = engine_of(config, "stranger-white")
+    with pytest.raises(ConfigError, match="a mosaic RGBW"):
         made.start()
-    with pytest.raises(ConfigError, match="no colours"):
+    with pytest.raises(ConfigError, match="a mosaic RGBW"):
         made._rig.look_at_camera()
     assert made._rig.shutter.told == ()  # type: ignore[attr-defined]

@@ -33,7 +33,10 @@ def test_a_picture_is_over_the_cells_of_its_run(monkeypatch: pytest.MonkeyPatch)
     run = probed(monkeypatch, image=image, sigma=sigma, other=np.zeros(4))
     assert run.image is image and run.sigma is sigma
     assert probed(monkeypatch, image=image).image is image
-    for wrong in ({"image": np.zeros((3, 2, 3))}, {"sigma": np.zeros((2, 3))}):
+    wrongs: tuple[dict[str, Any], ...] = (
+        {"image": np.zeros((3, 2, 3))}, {"image": np.zeros((2, 3, 1))}, {"sigma": np.zeros((2, 3))}
+    )  # fmt: skip
+    for wrong in wrongs:
         with pytest.raises(DecodeError, match="not over the run's cells") as caught:
             _ = probed(monkeypatch, **{"image": image, "sigma": sigma, **wrong}).image
         assert caught.value.hint == "see pdcd verify"

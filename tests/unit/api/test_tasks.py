@@ -151,7 +151,9 @@ def run_of(**fields: Any) -> Run:
     quality = summary.get("quality", Quality(verdict="good"))
     told.folder = fields.pop("folder", Path("/x"))
     told.manifest = SimpleNamespace(
-        job="j", run=SimpleNamespace(goal=SimpleNamespace(name="white"), grid=(2, 3), cells=None),
+        job="j", run=SimpleNamespace(
+            goal=SimpleNamespace(name="white"), grid=(2, 3), cells=None, responsivity_e=(1.0,) * 3
+        ),
         summary=summary, quality=quality, warnings=("<w>",), files=fields.pop("files", {}),
     )  # fmt: skip
     made: Run = told

@@ -162,12 +162,16 @@ def test_a_camera_that_is_held_another_way(
     assert is_camera_turned(config(sha256=None), flip) is False
 
 
-def head(rows: int = 4, cols: int = 6, turned: str = "upright", model: str = "EOS") -> Any:
-    return SimpleNamespace(frame=(rows, cols), turned=turned, model=model, flip=0)
+def head(
+    rows: int = 4, cols: int = 6, turned: str = "upright", model: str = "EOS", colours: int = 3
+) -> Any:
+    return SimpleNamespace(frame=(rows, cols), turned=turned, model=model, flip=0, colours=colours)
 
 
-def frame_check(warned: list[str], frame_quads: tuple[int, int] | None = (6, 4)) -> FrameCheck:
-    camera: Any = SimpleNamespace(frame_quads=frame_quads)
+def frame_check(
+    warned: list[str], frame_quads: tuple[int, int] | None = (6, 4), colours: int = 3
+) -> FrameCheck:
+    camera: Any = SimpleNamespace(frame_quads=frame_quads, colours=colours, profile="modern")
     journal: Any = SimpleNamespace(warn=warned.append)
     return FrameCheck(config(sha256=None), camera, journal)
 
@@ -188,6 +192,15 @@ def test_photos_of_a_run_are_alike(other: Any, words: str) -> None:
     with pytest.raises(ExposureError) as told:
         seen.saw("raw/b", other)
     assert (told.value.message, told.value.device, warned) == (words, "camera", [])
+
+
+def test_photos_of_another_number_of_colours_are_refused_at_the_first() -> None:
+    with pytest.raises(ConfigError, match="raw/a has colours, no colours were expected") as told:
+        frame_check([], colours=1).saw("raw/a", head())
+    assert told.value.hint == "choose a camera.profile without mono = true"
+    with pytest.raises(ConfigError, match="raw/a has no colours, colours were expected") as told:
+        frame_check([]).saw("raw/a", head(colours=1))
+    assert told.value.hint == "choose a camera.profile with mono = true"
 
 
 def test_a_camera_whose_photos_are_of_another_size_than_it_says_is_told_of(

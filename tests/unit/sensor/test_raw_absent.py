@@ -420,7 +420,6 @@ def test_a_border_with_a_picture_on_it_is_not_dark(tmp_path: Path) -> None:
         ({259: (SHORT, [34892])}, "packed with lossy JPEG"),
         ({259: (SHORT, [8])}, "16-bit samples of format 1, packed in the way 8.1"),
         ({262: (SHORT, [34892]), 277: (SHORT, [3])}, "a linear DNG"),
-        ({262: (SHORT, [34892])}, "of a monochrome sensor"),
         ({33421: (SHORT, [6, 6]), 33422: (BYTE, [1, 0, 2, 1, 2, 0] * 6)}, "an X-Trans sensor"),
         ({33421: (SHORT, [4, 4]), 33422: (BYTE, [0, 0, 1, 1] * 2 + [1, 1, 2, 2] * 2)},
          "of a quad Bayer sensor"),
@@ -445,14 +444,14 @@ def test_whole_files_are_called_what_they_are(
     ("said", "words"),
     [
         ({"raw_type": rawpy.RawType.Stack}, "a reduced-size or ready-made picture"),
-        ({"raw_pattern": np.zeros((1, 1), np.uint8)}, "of a monochrome sensor"),
         ({"raw_pattern": np.arange(36).reshape(6, 6) % 3}, "of an X-Trans sensor"),
         ({"raw_pattern": np.arange(16).reshape(4, 4) % 3}, "of a mosaic of 4 x 4 places, RGB"),
     ],
 )
 def test_what_libraw_finds_is_called_what_it_is(said: dict[str, Any], words: str) -> None:
     sizes = SimpleNamespace(top_margin=0, left_margin=0)
-    form = {"raw_type": rawpy.RawType.Flat, "color_desc": b"RGBG", "sizes": sizes} | said
+    form = {"raw_type": rawpy.RawType.Flat, "color_desc": b"RGBG", "sizes": sizes, "num_colors": 3}
+    form |= said
     raw: Any = SimpleNamespace(name="a.raf", libraw=SimpleNamespace(**form, raw_image=NOISE))
     with pytest.raises(DecodeError, match=f"cannot decode a.raf: it is {words}") as caught:
         mosaic._of_libraw(raw, mosaic._unpack(raw))

@@ -16,11 +16,11 @@ from pdcd.sensor.profile import compute_variance_dn2, load_profile
 from pdcd.sensor.raw import (
     RawFrame,
     RawHead,
-    compute_rgb_variance,
+    compute_colour_variance,
     read_raw,
     read_raw_head,
     shrink_image,
-    to_rgb,
+    to_colours,
 )
 from tests.masked_dng import write_masked_dng
 
@@ -190,7 +190,7 @@ def test_white_and_a_lower_level_count_from_black_on(tmp_path: Path) -> None:
 
 def test_colours_are_weighed_one_by_one() -> None:
     planes = np.array([1.0, 2.0, 6.0, 5.0], np.float32).reshape(4, 1, 1) * np.ones((1, 2, 3))
-    rgb = to_rgb(planes.astype(np.float32), (2.0, 3.0, 0.5))
+    rgb = to_colours(planes.astype(np.float32), (2.0, 3.0, 0.5))
     assert rgb.shape == (2, 3, 3) and rgb[0, 0].tolist() == [2.0, 12.0, 2.5]
     assert rgb[..., 1].flags.c_contiguous
 
@@ -201,14 +201,14 @@ def test_the_variance_of_a_colour_is_that_of_its_samples(dtype: Any) -> None:
     signals = (100.0, -3.0, 60.0, 500.0)
     planes = np.array(signals, np.float32).reshape(4, 1, 1) * np.ones((1, 2, 3), np.float32)
     red, green, more, blue = (float(compute_variance_dn2(dn, mark2, 50, 20.0)) for dn in signals)
-    found = compute_rgb_variance(planes, mark2, 50, 20.0, (2.0, 3.0, 0.5), dtype)
+    found = compute_colour_variance(planes, mark2, 50, 20.0, (2.0, 3.0, 0.5), dtype)
     assert found.dtype == dtype and found.shape == (2, 3, 3)
     wanted = [4.0 * red, 9.0 * (green + more) / 4.0, 0.25 * blue]
     np.testing.assert_allclose(found[1, 2], wanted, rtol=1e-6)
-    plain = compute_rgb_variance(planes, mark2, 50, 20.0, dtype=dtype)
+    plain = compute_colour_variance(planes, mark2, 50, 20.0, dtype=dtype)
     np.testing.assert_allclose(plain[0, 0], [red, (green + more) / 4.0, blue], rtol=1e-6)
     with pytest.raises(ConfigError, match="no ISO 51"):
-        compute_rgb_variance(planes, mark2, 51, 20.0, dtype=dtype)
+        compute_colour_variance(planes, mark2, 51, 20.0, dtype=dtype)
 
 
 def test_squares_of_pixels_are_their_means() -> None:

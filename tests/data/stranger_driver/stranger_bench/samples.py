@@ -79,11 +79,17 @@ class SampleCamera:
     def _samples(self) -> NDArray[np.uint16]:
         f_number = float(self._config.f_number)
         light_e = self._bench.light_s[..., None] * responsivity_e(self._config) / f_number**2
+        if self.cfa is None:
+            return self._read(light_e.sum(axis=-1))
         height, width = light_e.shape[:2]
         samples = np.empty((2 * height, 2 * width))
         for place, colour in enumerate("GBRG"):
             samples[place // 2 :: 2, place % 2 :: 2] = light_e[..., "RGB".index(colour)]
-        samples = np.rint(BLACK_DN + samples / GAIN_E_PER_DN)
+        return self._read(samples)
+
+    @staticmethod
+    def _read(light_e: NDArray[np.float64]) -> NDArray[np.uint16]:
+        samples = np.rint(BLACK_DN + light_e / GAIN_E_PER_DN)
         return np.asarray(np.minimum(samples, WHITE_DN), dtype=np.uint16)
 
     def disconnect(self) -> None:
@@ -94,6 +100,12 @@ class GreyCamera(SampleCamera):
     """One without colours."""
 
     cfa = None
+
+
+class WhiteCamera(SampleCamera):
+    """One whose mosaic has a place without a filter."""
+
+    cfa = "RGBW"
 
 
 class Finder:

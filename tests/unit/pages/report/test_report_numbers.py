@@ -309,7 +309,8 @@ def test_a_page_that_is_dear_is_not_made_unasked() -> None:
 
     def costs(shots: int, entries: int, refreshes: int, frame: tuple[int, int], count: int) -> Any:
         big = Factors(np.zeros((1, entries)), np.zeros((1, 1)), factors.coaxial, factors.open_s)
-        record = SimpleNamespace(shots=[shot("a", refreshes=refreshes) for _ in range(shots)])
+        taken = [shot("a", refreshes=refreshes) for _ in range(shots)]
+        record = SimpleNamespace(shots=taken, responsivity_e=(1.0, 1.0, 1.0))
         decoded = SimpleNamespace(
             pictures=dict.fromkeys(range(count)), view=FieldView(Map.filling(frame[::-1]), 1.5),
             shots={"a": SimpleNamespace(realised=big)}, sums={"b": SimpleNamespace(realised=big)},
