@@ -11,7 +11,6 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -58,6 +57,7 @@ def main() -> None:
     parser.add_argument("--benches", type=int, default=20)
     parser.add_argument("--captures", type=int, default=5)
     parser.add_argument("--quads", type=int, nargs=2, default=(534, 356), metavar=("W", "H"))
+    parser.add_argument("--profile", default="450d", help="of the sensor; mono has no colours")
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -66,7 +66,8 @@ def main() -> None:
     found = {entry["bench"]: entry for entry in map(json.loads, lines)}
     for seed in range(args.benches):
         if seed not in found:
-            found[seed] = _one(seed, args.out / f"bench-{seed}", args.quads, seed < args.captures)
+            config = drawn(seed, args.out / f"bench-{seed}", tuple(args.quads), args.profile)
+            found[seed] = _one(seed, args.out / f"bench-{seed}", config, seed < args.captures)
             with kept.open("a") as file:
                 file.write(json.dumps(found[seed]) + "\n")
         sys.stdout.write(json.dumps(found[seed]) + "\n")
@@ -74,8 +75,7 @@ def main() -> None:
     sys.stdout.write(_table(list(found.values())))
 
 
-def _one(seed: int, folder: Path, quads: Sequence[int], capture: bool) -> dict[str, object]:
-    config = drawn(seed, folder, (quads[0], quads[1]))
+def _one(seed: int, folder: Path, config: Config, capture: bool) -> dict[str, object]:
     begun_s = time.process_time()
     result = _calibrated(config)
     entry: dict[str, object] = {"bench": seed, "cpu_s": round(time.process_time() - begun_s, 1)}

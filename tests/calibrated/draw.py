@@ -16,11 +16,12 @@ SCAN_BANDS = 32
 """Panels set row after row, not in a few steps: as many bands as a mock photo has time for."""
 
 
-def drawn(seed: int, folder: Path, quads: tuple[int, int]) -> Config:
+def drawn(seed: int, folder: Path, quads: tuple[int, int], profile: str = "450d") -> Config:
     """The configuration of bench `seed`, written into `folder` beside its truth.
 
-    quads : width and height of the frame. Believed are the data sheets: both panels and the camera
-    fill the field, the panels are in step and switch at once, contrasts are round numbers.
+    quads : width and height of the frame. profile : of the camera's sensor. Believed are the data
+    sheets: both panels and the camera fill the field, the panels are in step and switch at once,
+    contrasts are round numbers.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.Generator(np.random.PCG64(seed))
@@ -28,7 +29,7 @@ def drawn(seed: int, folder: Path, quads: tuple[int, int]) -> Config:
         "rig": {"name": f"bench {seed}"},
         "projector": {"size_px": PROJECTOR_PX},
         "mask": {"size_px": MASK_PX},
-        "camera": {"profile": "450d", "frame_quads": quads, "seed": seed},
+        "camera": {"profile": profile, "frame_quads": quads, "seed": seed},
         "scene": {"kind": "card"},
         "bench": {"truth": "truth.toml"},
         "server": {"state_dir": "state"},

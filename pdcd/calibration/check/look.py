@@ -46,7 +46,6 @@ from pdcd.panels.map import Map, map_between
 
 _Arrays = Mapping[str, NDArray[Any]]
 
-_GREEN = 1
 _LEAST_LIGHT = 1e-3
 """Largest strip over white, below which no strip was lit."""
 _DOTS_END = 1.75
@@ -102,7 +101,7 @@ def take_snapshot(
     # Also where dots are that were not found: their light is not what comes through black.
     places = map_between(mask.then(apart.of_field), camera, of_mask.centres(_all(of_mask)))
     closed = measure_closed_mask(
-        photo.light[..., _GREEN], photo.variance[..., _GREEN], white.light[..., _GREEN],
+        photo.main, photo.main_variance, white.main,
         places[np.isfinite(places).all(axis=-1)],
         _DOTS_END * of_mask.radius_px * _quads_per_px(mask, camera),
     )  # fmt: skip
@@ -115,8 +114,8 @@ def take_snapshot(
         except CalibrationError as err:
             lag, why = (np.nan, np.nan), f"{err.message}: {err.hint}"
     open_s = refreshes * session.refresh_s
-    light = average_parts(white.light[..., _GREEN] - room.light[..., _GREEN]) / open_s
-    saturated = white.saturated_share(white.light[..., _GREEN] > 0.25 * light.max() * open_s)
+    light = average_parts(white.main - room.main) / open_s
+    saturated = white.saturated_share(white.main > 0.25 * light.max() * open_s)
     settings = _settings(session, exposure, said.iso, said.f_number)
     return BenchSnapshot(bumped, apart, light, closed, lag, settings, saturated), why
 

@@ -42,7 +42,7 @@ def make_block_sequence(code: PhaseCode, refreshes: int) -> PanelSequence:
 
 
 def find_period_error(
-    photo: QuadPhoto, half: Floats, seen: DecodedQuads, code: PhaseCode, channel: int
+    photo: QuadPhoto, half: Floats, seen: DecodedQuads, code: PhaseCode
 ) -> tuple[int, int]:
     """By how many periods to the right and down the panel lies from where quads were said to see.
 
@@ -56,7 +56,7 @@ def find_period_error(
     row, col = np.nonzero(seen.valid)
     some = slice(None, None, max(1, len(row) // _MOST_QUADS))
     row, col = row[some], col[some]
-    light = photo.light[row, col, channel] / half[row, col] - 1.0
+    light = photo.main[row, col] / half[row, col] - 1.0
     bright = np.clip(light, -1.0, 1.0)
     at = seen.panel_px[row, col]
     blocks = np.where(draw_phase_code(code), 1.0, -1.0)

@@ -17,11 +17,8 @@ from pdcd.arrays import Bools, Floats, Indices
 from pdcd.calibration.geometry.dots import PER_RADIUS, DotGrid
 from pdcd.calibration.geometry.lattice import find_lattice_place, index_dots
 from pdcd.calibration.geometry.lit import (
-    BLUE,
-    GREEN,
     LIT_SIGMAS,
     OFFSETS_QUADS,
-    RED,
     find_panel_light,
 )
 from pdcd.calibration.photo import QuadPhoto
@@ -133,8 +130,8 @@ def find_dots(
     other: DotGrid | None = None,
     pattern: str = "RGGB",
     subject: SubjectName = "card",
-) -> tuple[Dots, Dots, Dots]:
-    """The dots of a panel in photos of its three pictures, in red, green and blue.
+) -> tuple[Dots, ...]:
+    """The dots of a panel in photos of its three pictures, in each colour.
 
     other : grid of the other panel, to tell swapped outputs.
     pattern : of the camera's mosaic. subject : a scene has more edges than a card may have.
@@ -142,18 +139,18 @@ def find_dots(
     Raises CalibrationError, which names the cause, where they cannot be found or told apart.
     """
     lit = find_panel_light(white, black, grid.panel)
-    green = _ratio(white, black, dots, lit, GREEN)
-    _check_shown(green.value, lit, grid)
-    rough, radius = _rough(green.value, lit, grid)
-    points, index, score = _told_apart(rough, radius, green, grid, other)
-    points, index = _trusted(points, index, radius, green, grid, _MOST_TEXTURED[subject])
+    main = white.colours // 2
+    by_main = _ratio(white, black, dots, lit, main)
+    _check_shown(by_main.value, lit, grid)
+    rough, radius = _rough(by_main.value, lit, grid)
+    points, index, score = _told_apart(rough, radius, by_main, grid, other)
+    points, index = _trusted(points, index, radius, by_main, grid, _MOST_TEXTURED[subject])
     found: list[Dots] = []
-    offsets = OFFSETS_QUADS[pattern]
-    for channel in (RED, GREEN, BLUE):
-        ratio = green if channel == GREEN else _ratio(white, black, dots, lit, channel)
+    for channel, offset_quads in enumerate(OFFSETS_QUADS[pattern]):
+        ratio = by_main if channel == main else _ratio(white, black, dots, lit, channel)
         seen = _measured(ratio, points, radius, grid)
-        found.append(seen.dots(grid, index, offsets[channel], score))
-    return found[0], found[1], found[2]
+        found.append(seen.dots(grid, index, offset_quads, score))
+    return tuple(found)
 
 
 def find_known_dots(
@@ -168,11 +165,11 @@ def find_known_dots(
     Returns index (m, 2), places (m, 2) and their standard deviations (m, 2) in quads of those that
     are there. Raises CalibrationError where there is no light, or dots cannot be found.
     """
-    by = white.light[..., GREEN]
-    lit = lit_white(by, white.variance[..., GREEN])
+    by = white.main
+    lit = lit_white(by, white.main_variance)
     per = np.where(lit, 1.0 / np.where(lit, by, 1.0), 0.0)
-    value = dots.light[..., GREEN] * per
-    variance = dots.variance[..., GREEN] + value**2 * white.variance[..., GREEN]
+    value = dots.main * per
+    variance = dots.main_variance + value**2 * white.main_variance
     ratio = _Ratio(value, variance * per**2, by)
     _check_shown(value, lit, grid)
     rough, radius = _rough(value, lit, grid)

@@ -16,7 +16,6 @@ from pdcd.calibration.geometry.compose import ComposedMaps, FieldMaps, compose_m
 from pdcd.calibration.geometry.dots import DotGrid, PanelName
 from pdcd.calibration.geometry.finding import Dots, find_dots
 from pdcd.calibration.geometry.fit import FittedMap
-from pdcd.calibration.geometry.lit import GREEN
 from pdcd.calibration.geometry.panel_map import (
     check_dot_coverage,
     check_orientation,
@@ -31,7 +30,7 @@ from pdcd.calibration.geometry.phase import PhaseCode
 from pdcd.calibration.geometry.shared_field import ENOUGH, SharedField, edge_px, find_shared_field
 from pdcd.calibration.geometry.striped import base_px, measure_stripes, measure_xor_map
 from pdcd.calibration.geometry.xor import XorCode
-from pdcd.calibration.photo import SMALL_FRAME_HINT, QuadPhoto
+from pdcd.calibration.photo import SMALL_FRAME_HINT, QuadPhoto, pick_main
 from pdcd.calibration.preview import draw_arrows
 from pdcd.calibration.registration.stripes import compute_map_slope
 from pdcd.calibration.script import (
@@ -66,16 +65,17 @@ _ALIKE_DEG = 20.0
 
 @dataclass(frozen=True, eq=False)
 class PanelMarks:
-    """A panel's maps in red, green and blue, and its dots in green, if it showed dots."""
+    """A panel's maps in each colour of the camera, and its dots in the main one, if it showed
+    dots."""
 
     panel: PanelName
     fitted: Sequence[FittedMap]
     dots: Dots | None = None
 
     @property
-    def green(self) -> FittedMap:
+    def main(self) -> FittedMap:
         """The map that cells go by."""
-        return self.fitted[GREEN]
+        return pick_main(self.fitted)
 
     def check(
         self, session: CalibrationSession, other: DotGrid, beside: FittedMap | None = None
@@ -83,7 +83,7 @@ class PanelMarks:
         """Raise CalibrationError where dots cannot be seen: see `check_dot_coverage`."""
         if self.dots is not None:
             check_dot_coverage(
-                self.green, self.dots, other=other, beside=beside, subject=session.subject
+                self.main, self.dots, other=other, beside=beside, subject=session.subject
             )
 
 
@@ -95,7 +95,7 @@ def calibrate_geometry(session: CalibrationSession) -> StepScript:
     of the projector's picture these share.
     """
     projector, mask = yield from _marked(session)
-    composed = compose_maps(projector.green, mask.green)
+    composed = compose_maps(projector.main, mask.main)
     _refuse_unlike(session, composed)
     field = make_field_maps(composed)
     maps = {"projector": field.projector, "mask": field.mask, "camera": field.camera}
@@ -108,8 +108,8 @@ def calibrate_geometry(session: CalibrationSession) -> StepScript:
         words["camera.blur_quads"] = ConfigValue(_lens_blur_quads(mask.dots))
     told = [
         _field_figure(common),
-        *list_map_figures(projector.green, "projector", 1.0, session.subject, mask.green),
-        *list_map_figures(mask.green, "mask", scale, session.subject, projector.green),
+        *list_map_figures(projector.main, "projector", 1.0, session.subject, mask.main),
+        *list_map_figures(mask.main, "mask", scale, session.subject, projector.main),
         *measure_convergence(projector.fitted, "projector", mask.fitted)[1],
     ]
     unsure = [f.name for f in told if f.name.endswith("map_px") and f.verdict is not Verdict.GOOD]
@@ -176,15 +176,15 @@ def _marked(
     if marks == "dots":
         projector = yield from _by_dots(session, of_projector, of_mask)
         mask = yield from _by_dots(session, of_mask, of_projector)
-        projector.check(session, of_mask, mask.green)
-        mask.check(session, of_projector, projector.green)
+        projector.check(session, of_mask, mask.main)
+        mask.check(session, of_projector, projector.main)
     else:  # the mask first: it is sharp whatever the scene is, and says where the projector may be
         mask = yield from _by_dots(session, of_mask, of_projector)
         mask.check(session, of_projector)
-        near = yield from _beliefs(session, of_projector, mask.green, marks)
+        near = yield from _beliefs(session, of_projector, mask.main, marks)
         projector = yield from _by_stripes(session, of_projector, near)
         if session.subject == "card":  # stripes go up to the photo's edge; dots do not
-            near = [mask.green.to_target(_quads(mask.green))]
+            near = [mask.main.to_target(_quads(mask.main))]
             mask = yield from _by_stripes(session, of_mask, near)
     return projector, mask
 
@@ -279,7 +279,7 @@ def _by_dots(
         photos[0], photos[1], photos[2], grid, other=other, pattern=pattern, subject=subject
     )
     fitted = [fit_dots(one, photos[0].frame, subject) for one in dots]
-    return PanelMarks(grid.panel, fitted, dots[GREEN])
+    return PanelMarks(grid.panel, fitted, pick_main(dots))
 
 
 def check_dots_in_frame(session: CalibrationSession, frame: tuple[int, int]) -> None:
@@ -324,7 +324,7 @@ def _refuse_unlike(session: CalibrationSession, composed: ComposedMaps) -> None:
 def _draw(figure: Any, *panels: PanelMarks) -> None:
     """What the maps of projector and mask leave of each mark."""
     for axes, marked in zip(figure.subplots(1, 2), panels, strict=True):
-        fitted = marked.green
+        fitted = marked.main
         size = np.array(fitted.target_size_px, dtype=np.float64)
         what = "blocks of stripes" if marked.dots is None else "dots"
         title = f"{marked.panel}: what the map leaves of {len(fitted.target_px)} {what}"

@@ -8,15 +8,15 @@ from pdcd.arrays import Bools, Floats
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.errors import CalibrationError
 
-RED, GREEN, BLUE = 0, 1, 2
 OFFSETS_QUADS = {
     "RGGB": ((-0.25, -0.25), (0.0, 0.0), (0.25, 0.25)),
     "BGGR": ((0.25, 0.25), (0.0, 0.0), (-0.25, -0.25)),
     "GRBG": ((0.25, -0.25), (0.0, 0.0), (-0.25, 0.25)),
     "GBRG": ((-0.25, 0.25), (0.0, 0.0), (0.25, -0.25)),
+    "": ((0.0, 0.0),),
 }
 """Where the samples of red, green (the mean of both) and blue lie about the middle of their quad,
-(right, down), by the camera's mosaic."""
+(right, down), by the camera's mosaic; of a sensor without colours there is one, in the middle."""
 
 _STEP = 4
 """Quads between those that are looked at when a photo is judged as a whole."""
@@ -40,16 +40,14 @@ def find_panel_light(white: QuadPhoto, black: QuadPhoto, panel: str) -> Bools:
     Raises CalibrationError, which names the cause, where these photos tell nothing of the panel: no
     light at all, a panel that does not switch, too little light, too much, a lit room.
     """
-    values = [photo.light[::_STEP, ::_STEP, GREEN] for photo in (white, black)]
+    values = [photo.main[::_STEP, ::_STEP] for photo in (white, black)]
     if not all(np.isfinite(one).all() for one in values) or white.frame != black.frame:
         raise _untrusted(
             "the photos have numbers that are not finite, or differ in size",
             panel,
             "take them again, all with one setting of the camera",
         )
-    noise = np.sqrt(
-        white.variance[::_STEP, ::_STEP, GREEN] + black.variance[::_STEP, ::_STEP, GREEN]
-    )
+    noise = np.sqrt(white.main_variance[::_STEP, ::_STEP] + black.main_variance[::_STEP, ::_STEP])
     light = values[0] - values[1]
     _check_saturated(white, panel)
     _check_light(values[0], light, noise, panel)
@@ -75,7 +73,7 @@ def find_panel_light(white: QuadPhoto, black: QuadPhoto, panel: str) -> Bools:
             panel,
             "switch off the room's lights, or shade the bench",
         )
-    whole: Bools = white.light[..., GREEN] - black.light[..., GREEN] > _LIT * brightest
+    whole: Bools = white.main - black.main > _LIT * brightest
     return whole
 
 

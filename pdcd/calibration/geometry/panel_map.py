@@ -234,15 +234,17 @@ def _near_points(fitted: FittedMap, places: Floats) -> float:
 def measure_convergence(
     colours: Sequence[FittedMap], panel: str, beside: Sequence[FittedMap] | None = None
 ) -> tuple[Floats, list[MeasuredFigure]]:
-    """How far red and blue of a panel lie from green.
+    """How far red and blue of a panel lie from green; nothing where the camera sees no colours.
 
-    colours : the maps in red, green and blue.
+    colours : the maps in red, green and blue, or in grey.
     beside : those of a panel that one light shines through, and that has no convergence of its
         own. How far its colours are apart in the photo is the camera's doing, and taken off.
 
     Returns (places, 2, 2) float64, red minus green and blue minus green over the photo, right and
     down in panel pixels; and the largest lengths as figures.
     """
+    if len(colours) == 1:
+        return np.zeros((0, 2, 2)), []
     green = colours[1]
     places = _both_see(green, None if beside is None else beside[1])
     found = _colours_apart(colours, places)

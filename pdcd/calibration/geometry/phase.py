@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pdcd.arrays import Bools, Floats
 from pdcd.calibration.geometry.dots import PanelName
-from pdcd.calibration.geometry.lit import GREEN, LIT_SIGMAS
+from pdcd.calibration.geometry.lit import LIT_SIGMAS
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.shown import Bits, PanelSequence
 from pdcd.errors import CalibrationError
@@ -128,7 +128,7 @@ def check_periods(found: DecodedQuads, prior_px: Floats, code: PhaseCode) -> Non
 class Sines:
     """The shifts of one axis in one colour, photo by photo, in the order of `PhaseCode.shown`."""
 
-    def __init__(self, code: PhaseCode, channel: int = GREEN) -> None:
+    def __init__(self, code: PhaseCode, channel: int) -> None:
         self.code, self.channel = code, channel
         self._step = 0
         self._z = np.zeros((0, 0), np.complex128)

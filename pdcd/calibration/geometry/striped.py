@@ -14,7 +14,7 @@ import numpy as np
 from pdcd.arrays import Floats
 from pdcd.calibration.geometry import blocks
 from pdcd.calibration.geometry.fit import FittedMap
-from pdcd.calibration.geometry.lit import BLUE, GREEN, OFFSETS_QUADS, RED
+from pdcd.calibration.geometry.lit import OFFSETS_QUADS
 from pdcd.calibration.geometry.panel_map import fit_decoded_quads
 from pdcd.calibration.geometry.phase import (
     DecodedQuads,
@@ -26,6 +26,7 @@ from pdcd.calibration.geometry.phase import (
     join_axes_on_panel,
 )
 from pdcd.calibration.geometry.xor import XorCode, XorPlanes
+from pdcd.calibration.photo import pick_main
 from pdcd.calibration.script import (
     CalibrationPhoto,
     CalibrationSession,
@@ -34,7 +35,6 @@ from pdcd.calibration.script import (
     take_photo,
 )
 
-_COLOURS = (RED, GREEN, BLUE)
 _BASES_PX = (4, 8, 16, 32)
 _BASE_QUADS = 3.5
 """Base stripes of XOR codes: the narrowest that are so wide in a photo."""
@@ -42,23 +42,22 @@ _BASE_QUADS = 3.5
 
 @dataclass(frozen=True, eq=False)
 class DecodedStripes:
-    """What stripes told of a panel in red, green and blue."""
+    """What stripes told of a panel in each colour."""
 
     seen: tuple[DecodedQuads, ...]
     pattern: str
 
     def fitted(self, session: CalibrationSession, code: PhaseCode) -> list[FittedMap]:
         """The maps from quads to the panel. Raises CalibrationError."""
-        offsets = OFFSETS_QUADS[self.pattern]
         return [
             fit_decoded_quads(
                 seen,
                 code.size_px,
                 code.panel,
-                offset_quads=offsets[channel],
+                offset_quads=offset_quads,
                 subject=session.subject,
             )
-            for channel, seen in zip(_COLOURS, self.seen, strict=True)
+            for offset_quads, seen in zip(OFFSETS_QUADS[self.pattern], self.seen, strict=True)
         ]
 
 
@@ -71,17 +70,17 @@ def measure_stripes(
     axes, beliefs, half = [], [], np.zeros((0, 0))
     for axis in (0, 1):
         sines, pattern = yield from _sines(session, code, axis)
-        tried = [(near[..., axis], *sines[GREEN].beside(near[..., axis])) for near in near_px]
+        tried = [(near[..., axis], *pick_main(sines).beside(near[..., axis])) for near in near_px]
         best, moved_px, _ = max(tried, key=lambda one: one[2])
         beliefs.append(best + moved_px)
         axes.append(_placed(sines, beliefs[axis]))
-        half = sines[GREEN].mean
-    seen = join_axes([axis[GREEN] for axis in axes], code)
+        half = pick_main(sines).mean
+    seen = join_axes([pick_main(axis) for axis in axes], code)
     check_periods(seen, np.stack(beliefs, axis=-1), code)
     taken = yield from take_photo(
         PhotoRequest(blocks.make_block_sequence(code, code.levels * _repeats(session, code)))
     )
-    off = blocks.find_period_error(session.photo(taken), half, seen, code, GREEN)
+    off = blocks.find_period_error(session.photo(taken), half, seen, code)
     away_px = code.period_px * np.array(off)
     moved = [[(at + by, *rest) for at, *rest in a] for a, by in zip(axes, away_px, strict=True)]
     return DecodedStripes(_joined(moved, code), pattern)
@@ -120,22 +119,25 @@ def _repeats(session: CalibrationSession, code: PhaseCode) -> int:
 def _sines(
     session: CalibrationSession, code: PhaseCode, axis: int
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, tuple[list[Sines], str]]:
-    """The sums of an axis in the three colours, and the camera's mosaic."""
-    sums, pattern = [Sines(code, channel) for channel in _COLOURS], ""
+    """The sums of an axis in each colour, and the camera's mosaic."""
+    sums: list[Sines] = []
+    pattern = ""
     for shown in code.shown(axis, _repeats(session, code)):
         taken = yield from take_photo(PhotoRequest(shown))
         photo, pattern = session.photo(taken), taken.raw.pattern
+        sums = sums or [Sines(code, channel) for channel in range(photo.colours)]
         for of_colour in sums:
             of_colour.add(photo)
-    sums[GREEN].refuse_flat()
+    pick_main(sums).refuse_flat()
     return sums, pattern
 
 
 def _placed(sines: Sequence[Sines], near_px: Floats) -> list[Placed]:
-    """Pixels along an axis in the three colours: red and blue are where green is."""
-    green = sines[GREEN].place(near_px)
-    return [green if c == GREEN else sines[c].place(green[0]) for c in _COLOURS]
+    """Pixels along an axis in each colour: red and blue are where green is."""
+    main = pick_main(sines)
+    placed = main.place(near_px)
+    return [placed if one is main else one.place(placed[0]) for one in sines]
 
 
 def _joined(axes: Sequence[Sequence[Placed]], code: PhaseCode) -> tuple[DecodedQuads, ...]:
-    return tuple(join_axes_on_panel([axis[channel] for axis in axes], code) for channel in _COLOURS)
+    return tuple(join_axes_on_panel(list(both), code) for both in zip(*axes, strict=True))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pdcd.arrays import Bools
 from pdcd.calibration.geometry.dots import PanelName
-from pdcd.calibration.geometry.lit import GREEN, LIT_SIGMAS
+from pdcd.calibration.geometry.lit import LIT_SIGMAS
 from pdcd.calibration.geometry.phase import AXES, LEAST_VALID, DecodedQuads, make_panel_sequence
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.shown import Bits, PanelSequence
@@ -98,8 +98,8 @@ class XorPlanes:
             self._lit = photo
             return
         lit, self._lit = self._lit, None
-        difference = lit.light[..., GREEN] - photo.light[..., GREEN]
-        noise = np.sqrt(lit.variance[..., GREEN] + photo.variance[..., GREEN])
+        difference = lit.main - photo.main
+        noise = np.sqrt(lit.main_variance + photo.main_variance)
         clear = np.asarray(np.abs(difference) > LIT_SIGMAS * noise)
         for one in (lit, photo):
             clear &= True if one.saturated is None else ~one.saturated

@@ -41,11 +41,11 @@ projector's white is darker, and with it the unit of light; the room is not."""
 
 @dataclass(frozen=True)
 class _Share:
-    """A share of white light, of all channels and of R, G, B, with standard deviations."""
+    """A share of white light, of all channels and of each, with standard deviations."""
 
     value: float
     sigma: float
-    channels: tuple[float, float, float]
+    channels: tuple[float, ...]
 
     @property
     def seen(self) -> bool:
@@ -69,7 +69,7 @@ class LightMeasurement:
     room : its light over the projector's white on what stands there; None without a covered photo,
         and `projector` then holds it, too.
     mask_map : (rows, cols) black over white of the mask by blocks of 16 quads, NaN in the dark.
-    rate : (3,) light of a white projector, units of the photos a second, where it is brightest.
+    rate : (C,) light of a white projector, units of the photos a second, where it is brightest.
     rate_sigma : relative, of the edges and the photos' noise; the lamp's drift is not in it.
     lamp, lamp_sigma : WW-again over WW, less 1, and its standard deviation.
     ends : what levels beside black and white give; empty where they were not shown.
@@ -173,8 +173,8 @@ def measure_light(
         rate=np.asarray(brightest / series.lit_s / (1.0 - projector.value)),
         rate_sigma=float(np.hypot(series.edge_error, noise)),
         lamp=series.lamp,
-        lamp_sigma=float(np.sqrt(2.0) * np.hypot(black_sigma, series.whole.sigma[3]))
-        / float(series.whole.mean[3]),
+        lamp_sigma=float(np.sqrt(2.0) * np.hypot(black_sigma, series.whole.sigma[-1]))
+        / float(series.whole.mean[-1]),
         ends=measure_end_levels(series, photos, mask.value),
     )
 
@@ -214,13 +214,12 @@ def _room(whole: LightSeries, eps: float) -> _Share | None:
 
 
 def _share(series: LightSeries, ratio: Floats, error: Floats, white: LitMeans) -> _Share:
-    """Of R, G, B and all; `error` in units of the photos, common to all quads; what scales every
-    share alike comes on top."""
-    value = float(ratio[3])
+    """Of each colour and all; `error` in units of the photos, common to all quads; what scales
+    every share alike comes on top."""
+    value = float(ratio[-1])
     scale = np.hypot(series.edge_error, abs(series.lamp) / 2.0)
-    sigma = float(np.hypot(error[3] / white.mean[3], value * scale))
-    red, green, blue = (float(v) for v in ratio[:3])
-    return _Share(value, sigma, (red, green, blue))
+    sigma = float(np.hypot(error[-1] / white.mean[-1], value * scale))
+    return _Share(value, sigma, tuple(float(v) for v in ratio[:-1]))
 
 
 def compute_responsivity(
@@ -231,7 +230,7 @@ def compute_responsivity(
     albedo: Floats | float,
     albedo_sigma: float,
 ) -> tuple[Floats, Floats]:
-    """`camera.responsivity_e` and its standard deviation, (3,) float64 each.
+    """`camera.responsivity_e` and its standard deviation, (C,) float64 each.
 
     Electrons a second at f/1 of what a perfect white gives under a white projector, in the scene's
     plane where that is brightest: ``gain rate N^2 / albedo``.
@@ -241,11 +240,11 @@ def compute_responsivity(
     light : of photos in DN.
     gain_e_per_dn : and its standard deviation.
     f_number : of the stop that was set, by its light (`pdcd.bench.stops.Stop.true`).
-    albedo, albedo_sigma : of the card, one or (3,): 0.99 for Spectralon, 0.85 to 0.9 for paper.
+    albedo, albedo_sigma : of the card, one or (C,): 0.99 for Spectralon, 0.85 to 0.9 for paper.
 
     Raises CalibrationError for an albedo that no card has.
     """
-    reflects = np.broadcast_to(np.asarray(albedo, np.float64), 3)
+    reflects = np.broadcast_to(np.asarray(albedo, np.float64), light.rate.shape)
     if not np.all((reflects > 0.05) & (reflects <= 1.0)):
         raise CalibrationError(
             f"the card's albedo of {albedo} is not between 0.05 and 1",

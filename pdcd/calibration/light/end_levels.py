@@ -95,7 +95,7 @@ def measure_end_levels(
     opened = plan.open_s(plan.longer, edges.mask_s)
     first, again = (_mean(series, series.blocks[name])[0] for name in ("BW", "BW-again"))
     black, black_change = 0.5 * (first + again), 0.5 * np.abs(first - again)
-    white = series.whole.mean[:3]
+    white = series.whole.mean[:-1]
     shares: dict[str, tuple[float, float]] = {}
     for end, factor in times.items():
         lit = plan.lit_s(factor, edges.projector_s) / series.lit_s * white
@@ -106,7 +106,7 @@ def measure_end_levels(
                 share, change = (mean - part * black) / lit, part * black_change / lit
             else:
                 share = (mean / (lit + part * black) - eps) / (1.0 - eps)
-                change = np.full(3, eps * series.lamp)
+                change = np.full(share.shape, eps * series.lamp)
             if end == "light":
                 change = np.hypot(change, share * series.lamp)
             error = np.hypot(np.hypot(noise, np.sqrt(2.0) * series.black_sigma) / lit, change)
@@ -118,7 +118,7 @@ def measure_end_levels(
 
 
 def _mean(series: LightSeries, photo: QuadPhoto | BlockMeans) -> tuple[Floats, Floats]:
-    """Mean light of the lit blocks, (3,), and its standard deviation by noise."""
+    """Mean light of the lit blocks, (C,), and its standard deviation by noise."""
     blocks = average_photo_blocks(photo) if isinstance(photo, QuadPhoto) else photo
     mean, variance = (values[series.lit].mean(axis=0) for values in (blocks.mean, blocks.variance))
     return np.asarray(mean), np.sqrt(variance / series.lit.sum())

@@ -61,7 +61,8 @@ _HINTS = {
 class LitMeans:
     """Means over the lit blocks.
 
-    mean, sigma : (4,) float64 for R, G, B and all of them, and the standard deviation by noise.
+    mean, sigma : (C + 1,) float64 for each colour and all of them, and the standard deviation by
+        noise.
     """
 
     mean: Floats
@@ -80,7 +81,7 @@ class LightSeries:
 
     @cached_property
     def white(self) -> Floats:
-        """WW - BW of equal times, (rows, cols, 3)."""
+        """WW - BW of equal times, (rows, cols, C)."""
         return _white(self.plan, self.edges, self.blocks)
 
     @property
@@ -161,7 +162,7 @@ class LightSeries:
         return found if found.any() else self.lit
 
     def brightest(self) -> tuple[Floats, float]:
-        """WW - BW where a smooth surface through the brighter blocks is highest, (3,), and the
+        """WW - BW where a smooth surface through the brighter blocks is highest, (C,), and the
         relative noise of its mean.
 
         Light falls off from there to all sides, by projector and lens, so that it does not matter
@@ -184,7 +185,7 @@ class LightSeries:
         solve = np.linalg.pinv(_surface(places, side))
         weights = _top_of(places, solve @ values.mean(axis=1)) @ solve
         found = weights @ values
-        noise = float(np.sqrt(weights**2 @ variance.mean(axis=1) / 3.0))
+        noise = float(np.sqrt(weights**2 @ variance.mean(axis=1) / values.shape[1]))
         return np.asarray(found), noise / float(found.mean())
 
     def _mix(self, signs: Mapping[str, float]) -> Floats:
@@ -195,7 +196,9 @@ class LightSeries:
         variance = sum(sign**2 * self.blocks[name].variance for name, sign in signs.items())
         mean = values[self.lit].mean(axis=0)
         noise = np.asarray(variance)[self.lit].mean(axis=0) / self.lit.sum()
-        return LitMeans(np.append(mean, mean.mean()), np.sqrt(np.append(noise, noise.mean() / 3.0)))
+        return LitMeans(
+            np.append(mean, mean.mean()), np.sqrt(np.append(noise, noise.mean() / noise.size))
+        )
 
     def refuse_changes(self) -> None:
         """Raise CalibrationError where photos that are taken twice differ."""
@@ -231,15 +234,15 @@ class LightSeries:
 
     def refuse_leaks(self) -> None:
         """Raise CalibrationError where a panel hardly blocks, or more than all light is there."""
-        white, times = float(self.whole.mean[3]), self.lit_s / self.lit_long_s
-        if times * float(self.through.mean[3]) > white / _LEAST_CONTRAST:
+        white, times = float(self.whole.mean[-1]), self.lit_s / self.lit_long_s
+        if times * float(self.through.mean[-1]) > white / _LEAST_CONTRAST:
             raise CalibrationError(
                 "the mask does not block: closed it lets more than a third of the light through",
                 device="mask",
                 hint=_BLOCKS,
             )
-        noise = _MOVED_SIGMAS * np.hypot(self.black_sigma, float(self.left.sigma[3]))
-        if float(self.left.mean[3]) < -noise:
+        noise = _MOVED_SIGMAS * np.hypot(self.black_sigma, float(self.left.sigma[-1]))
+        if float(self.left.mean[-1]) < -noise:
             raise CalibrationError(
                 "with the projector covered there is more light than with its black",
                 device="camera",
@@ -318,7 +321,7 @@ def _wholly(lit: _Marks) -> _Marks:
 
 
 def _white(plan: LightPlan, edges: PulseEdges, blocks: Mapping[str, BlockMeans]) -> Floats:
-    """WW - BW of equal times, (rows, cols, 3)."""
+    """WW - BW of equal times, (rows, cols, C)."""
     both, room = (0.5 * (blocks[name].mean + blocks[f"{name}-again"].mean) for name in ("WW", "BW"))
     share = plan.open_s(1, edges.mask_s) / plan.open_s(plan.longer, edges.mask_s)
     return np.asarray(both - share * room)
@@ -362,7 +365,7 @@ def _refuse_unlit(lit: _Marks, field: _Marks | None) -> None:
 
 def _refuse_dim(series: LightSeries) -> None:
     """Raise CalibrationError where the black level's error hides what a mask lets through."""
-    white = float(series.whole.mean[3])
+    white = float(series.whole.mean[-1])
     error = 3.0 * np.sqrt(1.5) * series.black_sigma * series.lit_s / series.lit_long_s / white
     if error > _LEAST_SEEN:
         raise CalibrationError(

@@ -27,6 +27,7 @@ from pdcd.calibration.photo import (
     average_blocks,
     average_photo_blocks,
     check_camera_settings,
+    pick_main,
 )
 from pdcd.calibration.script import (
     CalibrationPhoto,
@@ -148,7 +149,7 @@ def calibrate_light(session: CalibrationSession) -> StepScript:
         *measure_lamp(times - times[0], levels, float(noise.max())).figures(),
         *stops.figures(),
         *lit,
-        _colour(session, found),
+        *_colour(session, found),
     )
     return _outcome(session, found, white, stops, figures, f_number)
 
@@ -204,13 +205,12 @@ def _outcome(
             albedo=albedo,
             albedo_sigma=albedo_sigma,
         )
-        red, green, blue = value.tolist()
         words["camera.stops"] = ConfigValue(msgspec.to_builtins(stops.found))
-        words["camera.responsivity_e"] = ConfigValue((red, green, blue), tuple(sigma.tolist()))
-        figures = (
-            *figures,
-            MeasuredFigure("camera.responsivity_e", green, float(sigma[1]), "e-/s", "of green"),
-        )
+        name, both = "camera.responsivity_e", (tuple(value.tolist()), tuple(sigma.tolist()))
+        words[name] = ConfigValue(*both)
+        main, unsure = (pick_main(one) for one in both)
+        of = "of green" if value.size > 1 else "of grey"
+        figures = (*figures, MeasuredFigure(name, main, unsure, "e-/s", of))
     if found.room is None and found.projector.seen:
         advice.append(
             "black of the projector and light of the room were not told apart: calibrate with "
@@ -281,24 +281,22 @@ def _field_lit(session: CalibrationSession, white: QuadPhoto) -> tuple[MeasuredF
     return (MeasuredFigure("light.field_lit", share, 0.0, "", f"{_FIELD_LIT:g} or more", verdict),)
 
 
-def _colour(session: CalibrationSession, found: LightMeasurement) -> MeasuredFigure:
-    """By which factor red or blue over green is off what it was, or off what it usually is.
+def _colour(session: CalibrationSession, found: LightMeasurement) -> tuple[MeasuredFigure, ...]:
+    """By which factor red or blue over green is off what it was, or off what it usually is; nothing
+    of a camera without colours.
 
     A night light dims blue and green of all that is shown; nothing else tells of it.
     """
     measured = "camera.responsivity_e" in session.config.calibration.typed
     known = session.config.camera.responsivity_e if measured else NOMINAL_RESPONSIVITY_E
+    if found.rate.size == 1:
+        return ()
     off = np.log(found.rate / np.array(known))
     factor = float(np.exp(np.abs(off[[0, 2]] - off[1]).max()))
     most = _COLOUR_AS_MEASURED if measured else _COLOUR_AS_GUESSED
-    return MeasuredFigure(
-        "light.white_colour",
-        factor,
-        0.0,
-        "times",
-        f"{most:g} or less",
-        Verdict.GOOD if factor <= most else Verdict.DOUBTFUL,
-    )
+    verdict = Verdict.GOOD if factor <= most else Verdict.DOUBTFUL
+    limit = f"{most:g} or less"
+    return (MeasuredFigure("light.white_colour", factor, 0.0, "times", limit, verdict),)
 
 
 def _draw(figure: Any, found: LightMeasurement, white: QuadPhoto) -> None:

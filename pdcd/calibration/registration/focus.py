@@ -12,7 +12,6 @@ import numpy as np
 
 from pdcd.arrays import Floats
 from pdcd.calibration.photo import QuadPhoto
-from pdcd.calibration.registration.offsets import GREEN_CHANNEL
 from pdcd.errors import CalibrationError
 
 _PARTS = (3, 4)
@@ -63,7 +62,7 @@ def measure_stripe_depth(photo: QuadPhoto, period_quads: float) -> StripeDepth:
 
     Raises CalibrationError for a photo without light, saturated, or without stripes.
     """
-    seen, noise = photo.light[..., GREEN_CHANNEL], photo.variance[..., GREEN_CHANNEL]
+    seen, noise = photo.main, photo.main_variance
     if not np.mean(seen) > 5.0 * np.sqrt(np.mean(noise) / seen.size) or not np.mean(seen) > 0.0:
         raise CalibrationError(
             "there is no light in the photo",

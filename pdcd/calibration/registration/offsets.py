@@ -29,7 +29,6 @@ from pdcd.panels.map import Map, map_between
 
 _Complex = NDArray[np.complex128]
 
-GREEN_CHANNEL = 1
 _PER_PERIOD = 8
 """Blocks of quads in a period, at least: photos are averaged over blocks before all else."""
 _APART = 1.5
@@ -113,8 +112,8 @@ class StripeSeriesBuilder:
     ) -> None:
         self._stripes, self._camera, self._projector = stripes, camera, projector
         self._window = window
-        by = white.light[..., GREEN_CHANNEL]
-        self._lit = series_faults.find_lit_quads(by, white.variance[..., GREEN_CHANNEL])
+        by = white.main
+        self._lit = series_faults.find_lit_quads(by, white.main_variance)
         series_faults.check_stripe_saturation(white.saturated, self._lit)
         self._period = stripes.period_px * _quads_per_px(stripes.axis, camera, projector)
         block = max(1, int(self._period / _PER_PERIOD))
@@ -127,8 +126,8 @@ class StripeSeriesBuilder:
         `pdcd.calibration.registration.stripes.make_stripe_sequences`. Raises CalibrationError for a
         saturated one."""
         series_faults.check_stripe_saturation(photo.saturated, self._lit)
-        self._stack.append(self._averaging.over_white(photo.light[..., GREEN_CHANNEL]))
-        noise = self._averaging.over_white(photo.variance[..., GREEN_CHANNEL], power=2)
+        self._stack.append(self._averaging.over_white(photo.main))
+        noise = self._averaging.over_white(photo.main_variance, power=2)
         self._noise += noise / self._stripes.steps
 
     def series(self, *, placed: bool = False) -> StripeSeries:

@@ -148,8 +148,8 @@ class GreyResponse:
 
     panel : which one.
     levels : (17,) 0..255. light, sigma : (17,) of all channels, over full light: 0 is black.
-    channels : (3, 17) of R, G, B.
-    gamma, gamma_sigma : of the law ``(level / 255)^gamma``; `channel_gammas` of R, G, B.
+    channels : (C, 17) of each.
+    gamma, gamma_sigma : of the law ``(level / 255)^gamma``; `channel_gammas` of each channel.
     misfit : how far the law is off, of full light.
     """
 
@@ -160,7 +160,7 @@ class GreyResponse:
     channels: Floats
     gamma: float
     gamma_sigma: float
-    channel_gammas: tuple[float, float, float]
+    channel_gammas: tuple[float, ...]
     misfit: float
 
     def light_of(self) -> Floats:
@@ -224,13 +224,14 @@ def measure_grey_response(
     flat = _uneven(each, noise)
     light = each.mean(axis=0)
     whole = light.mean(axis=1)
-    sigma = _errors(whole, np.sqrt((noise**2).mean(axis=(0, 2)) / 3.0), flat)
+    colours = light.shape[1]
+    sigma = _errors(whole, np.sqrt((noise**2).mean(axis=(0, 2)) / colours), flat)
     _refuse_shape(whole, float(sigma.max()))
     levels = np.array(STRIP_LEVELS, np.float64)
     gamma, gamma_sigma, misfit = _power(
-        levels, seen.mean(axis=2), np.sqrt((noise**2).mean(axis=2) / 3.0), flat
+        levels, seen.mean(axis=2), np.sqrt((noise**2).mean(axis=2) / colours), flat
     )
-    gammas = [_power(levels, seen[..., c], noise[..., c], flat)[0] for c in range(3)]
+    gammas = [_power(levels, seen[..., c], noise[..., c], flat)[0] for c in range(colours)]
     return GreyResponse(
         panel=panel,
         levels=levels,
@@ -239,15 +240,16 @@ def measure_grey_response(
         channels=light.T,
         gamma=gamma,
         gamma_sigma=gamma_sigma,
-        channel_gammas=(gammas[0], gammas[1], gammas[2]),
+        channel_gammas=tuple(gammas),
         misfit=misfit,
     )
 
 
 def _ratios(photos: Mapping[str, QuadPhoto], strips: _Strips) -> tuple[Floats, Floats]:
-    """Light over white of each strip, and its standard deviation by noise: (orders, 17, 3)."""
+    """Light over white of each strip, and its standard deviation by noise: (orders, 17, C)."""
     white = photos["white"]
-    ratio, noise, black, of_black = np.full((4, _ORDERS, len(STRIP_LEVELS), 3), np.nan)
+    shape = 4, _ORDERS, len(STRIP_LEVELS), white.colours
+    ratio, noise, black, of_black = np.full(shape, np.nan)
     inside = strips != NO_STRIP
     level = float(white.light[inside].mean())
     check_brightness(
@@ -284,7 +286,7 @@ def _ratios(photos: Mapping[str, QuadPhoto], strips: _Strips) -> tuple[Floats, F
 def _over_white(
     photo: QuadPhoto, white: QuadPhoto, here: NDArray[np.bool_], kept: NDArray[np.bool_]
 ) -> tuple[Floats, Floats]:
-    """Light over white of the kept quads of a strip, and its standard deviation by noise: (3,)."""
+    """Light over white of the kept quads of a strip, and its standard deviation by noise: (C,)."""
     sums = white.light[here][kept].sum(axis=0)
     ratio = photo.light[here][kept].sum(axis=0) / sums
     variance = photo.variance[here][kept].sum(axis=0)
@@ -295,7 +297,7 @@ def _over_white(
 def _as_if_even(
     ratio: Floats, noise: Floats, black: Floats, of_black: Floats
 ) -> tuple[Floats, Floats]:
-    """What strips would show were black over white the same everywhere: (orders, 17, 3) each.
+    """What strips would show were black over white the same everywhere: (orders, 17, C) each.
 
     A level that gives the share l of the panel's light shows l + (1 - l) b, b the black there.
     """
@@ -310,7 +312,7 @@ def _uneven(each: Floats, noise: Floats) -> float:
     bright = (each.mean(axis=(0, 2)) > 0.2) & (np.arange(len(STRIP_LEVELS)) < len(STRIP_LEVELS) - 1)
     middle = each[:, bright].mean(axis=0)
     apart = ((each[0] - each[1])[bright] / middle).mean(axis=1)
-    by_noise = float(np.mean((noise[:, bright] / middle) ** 2)) * 2.0 / 3.0
+    by_noise = float(np.mean((noise[:, bright] / middle) ** 2)) * 2.0 / each.shape[2]
     return float(np.sqrt(max(float(np.var(apart, ddof=1)) - by_noise, 0.0) / 2.0))
 
 

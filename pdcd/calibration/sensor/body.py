@@ -4,7 +4,7 @@ Fourteen photos: two of black panels, one of the open mask alone, and white ligh
 refreshes from 3 to 130 % of what saturates; two doses are taken twice. All have the shutter open
 for as long. Any still thing may stand before the camera: a card is best, for its light is even.
 
-RAW samples are taken plane by plane, R, G1, G2, B, as the sensor gave them.
+RAW samples are taken plane by plane, R, G1, G2, B or grey, as the sensor gave them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from pdcd.sensor.profile import IsoRow, SensorProfile
 
 _Planes = NDArray[np.float32]
 
-NAMES = ("R", "G1", "G2", "B")
+_NAMES = {4: ("R", "G1", "G2", "B"), 1: ("grey",)}
 _LADDER = (0.03, 0.06, 0.12, 0.2, 0.4, 0.6, 0.75, 0.9, 1.1, 1.3)
 _TWICE = (0.2, 0.6)
 """Shares of the saturating dose; those that photon transfer needs twice."""
@@ -117,9 +117,9 @@ class SensorPlan:
 
 @dataclass(frozen=True, eq=False)
 class SensorMeasurement:
-    """What was measured at one ISO, plane by plane (R, G1, G2, B).
+    """What was measured at one ISO, plane by plane (R, G1, G2, B, or grey).
 
-    black_dn : (4,) float64, black level of the file; black_sigma : by how far it moves from photo
+    black_dn : (P,) float64, black level of the file; black_sigma : by how far it moves from photo
         to photo.
     transfer, lines : gain and noise, linearity and saturation.
     lamp : largest relative difference of photos that should be equal.
@@ -131,6 +131,11 @@ class SensorMeasurement:
     transfer: tuple[PhotonTransfer, ...]
     lines: tuple[DoseLine, ...]
     lamp: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the planes are called."""
+        return _NAMES[len(self.lines)]
 
     @property
     def gain(self) -> tuple[float, float]:
@@ -197,11 +202,11 @@ def measure_sensor(
 
     Parameters
     ----------
-    photos : name -> (4, h, w) float32, R, G1, G2, B in DN minus black, by the names of
+    photos : name -> (P, h, w) float32, R, G1, G2, B or grey in DN minus black, by the names of
         `plan.photos()`. Each is asked for at most three times, so that it may be read from a file.
     plan : what was shown.
     iso : at which it was taken.
-    black_dn : (4,) what was taken off: the mean of the masked border, or what the file says.
+    black_dn : (P,) what was taken off: the mean of the masked border, or what the file says.
     dark_e : electrons of dark current in a dark photo; its noise is taken out of the read noise,
         and that of light that the panels leak.
     masked : whether `black_dn` is of the masked border. A number of the file may itself be off, so
@@ -219,7 +224,7 @@ def measure_sensor(
     for plane, line in enumerate(lines):
         found.append(
             fit_photon_transfer(
-                NAMES[plane],
+                _NAMES[len(lines)][plane],
                 compare_plane_pair(dark[plane], again[plane]),
                 tuple(
                     compare_plane_pair(one[plane], other[plane], dark[plane]) for one, other in lit
@@ -230,9 +235,9 @@ def measure_sensor(
             )
         )
     names = list(plan.doses)
+    level = _pick_main_plane(signal)
     lamp = max(
-        abs(float(signal[1, names.index(b)] / signal[1, names.index(a)]) - 1.0)
-        for a, b in plan.pairs
+        abs(float(level[names.index(b)] / level[names.index(a)]) - 1.0) for a, b in plan.pairs
     )
     black = np.asarray(black_dn, np.float64) + shift
     return SensorMeasurement(iso, black, black_sigma, tuple(found), lines, lamp)
@@ -241,17 +246,18 @@ def measure_sensor(
 def _lines(
     photos: Mapping[str, _Planes], plan: SensorPlan, base: _Planes, dark: _Planes
 ) -> tuple[tuple[DoseLine, ...], Floats]:
-    """The line of each plane, of its brightest evenly lit blocks, and their light, (4, doses)."""
+    """The line of each plane, of its brightest evenly lit blocks, and their light, (P, doses)."""
     floor = _levels(base)
     first = photos[plan.pairs[0][0]]
     light = _levels(first) - floor
+    planes = range(len(base))
     chosen = np.stack(
-        [_brightest(light[plane], _evenly_lit(first[plane] - base[plane])) for plane in range(4)]
+        [_brightest(light[plane], _evenly_lit(first[plane] - base[plane])) for plane in planes]
     )
-    signal = np.empty((4, len(plan.doses)))
+    signal = np.empty((len(base), len(plan.doses)))
     for number, name in enumerate(plan.doses):
         level = _levels(photos[name]) - floor
-        signal[:, number] = [level[plane][chosen[plane]].mean() for plane in range(4)]
+        signal[:, number] = [level[plane][chosen[plane]].mean() for plane in planes]
     _refuse_no_light(plan, signal, dark)
     doses = np.array(list(plan.doses.values()), np.float64)
     order = np.argsort(doses, kind="stable")
@@ -265,7 +271,7 @@ def _lines(
             # Where the sensor is full a few blocks may not be: by the middle one.
             *(float(np.median(of[plane][chosen[plane]])) for of in (full, floor, noise)),
         )
-        for plane, name in enumerate(NAMES)
+        for plane, name in enumerate(_NAMES[len(base)])
     )
     _refuse_room(base, lines)
     return lines, signal
@@ -295,14 +301,14 @@ def _evenly_lit(light: _Planes) -> NDArray[np.bool_]:
 
 
 def _levels(planes: _Planes) -> Floats:
-    """Means of blocks, (4, rows, cols) float64."""
+    """Means of blocks, (P, rows, cols) float64."""
     return np.stack(
         [average_blocks(plane.astype(np.float64), VARIANCE_BLOCK_SIDE) for plane in planes]
     )
 
 
 def _spreads(planes: _Planes) -> Floats:
-    """Standard deviation within blocks, hot samples left out, (4, rows, cols) float64."""
+    """Standard deviation within blocks, hot samples left out, (P, rows, cols) float64."""
     found = []
     for plane in planes.astype(np.float64):
         rows, cols = plane.shape[0] // VARIANCE_BLOCK_SIDE, plane.shape[1] // VARIANCE_BLOCK_SIDE
@@ -315,7 +321,7 @@ def _spreads(planes: _Planes) -> Floats:
 
 
 def _refuse_dark_light(dark: _Planes, again: _Planes) -> tuple[Floats, float]:
-    """How far the dark photos lie from the black that was taken off, (4,) DN, and by how much the
+    """How far the dark photos lie from the black that was taken off, (P,) DN, and by how much the
     two differ."""
     levels = [np.array([_middle(plane) for plane in planes]) for planes in (dark, again)]
     apart = float(np.abs(levels[0] - levels[1]).max())
@@ -344,9 +350,14 @@ def _middle(plane: NDArray[np.float32]) -> float:
     return float(np.mean(plane[kept], dtype=np.float64))
 
 
+def _pick_main_plane(planes: NDArray[np.floating]) -> NDArray[np.floating]:
+    """That of G1, or of grey."""
+    return np.asarray(planes[(len(planes) - 1) // 2])
+
+
 def _refuse_no_light(plan: SensorPlan, signal: Floats, dark: _Planes) -> None:
     """Raise CalibrationError where nothing, or one photo of the pairs, shows light."""
-    spread = float(np.std(dark[1]))
+    spread = float(np.std(_pick_main_plane(dark)))
     floor = max(0.05 * spread, 1.0)
     check_brightness({name: float(signal[:, n].max()) for n, name in enumerate(plan.doses)}, floor)
 
@@ -357,7 +368,8 @@ def _refuse_room(base: _Planes, lines: tuple[DoseLine, ...]) -> None:
         share = float(np.median(base[plane])) / line.highest_dn
         if share > _ROOM_SHARE:
             raise CalibrationError(
-                f"without the projector plane {NAMES[plane]} is at {100.0 * share:.0f} % of "
+                f"without the projector plane {_NAMES[len(lines)][plane]} is at "
+                f"{100.0 * share:.0f} % of "
                 "saturation",
                 device="camera",
                 hint="switch the room lights off",
@@ -412,6 +424,7 @@ def make_measured_profile(
         rows=tuple(sorted(rows, key=lambda row: row.iso)),
         frame_quads=known.frame_quads,
         base=known.base or base,
+        mono=True if len(body.lines) == 1 else msgspec.UNSET,
     )
 
 

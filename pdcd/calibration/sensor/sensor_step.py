@@ -23,7 +23,6 @@ from pdcd.calibration.script import (
     take_photo,
 )
 from pdcd.calibration.sensor.body import (
-    NAMES,
     SensorMeasurement,
     SensorPlan,
     make_measured_profile,
@@ -102,7 +101,7 @@ def _keep_below(session: CalibrationSession, believed_dn: float, found_dn: float
 
 
 class _Frame(NamedTuple):
-    """samples : (4, h, w), as of `RawFrame`. black : (4,) float32, their black level."""
+    """samples : (P, h, w), as of `RawFrame`. black : (P,) float32, their black level."""
 
     samples: NDArray[np.uint16] | NDArray[np.float32]
     black: _Planes
@@ -127,7 +126,7 @@ class Film(Mapping[str, _Planes]):
 
     @property
     def black_dn(self) -> Floats:
-        """(4,) what was taken off, on average."""
+        """(P,) what was taken off, on average."""
         return np.asarray(np.mean(self._black, axis=0), np.float64)
 
     def __getitem__(self, name: str) -> _Planes:
@@ -167,7 +166,7 @@ def _draw(figure: Any, body: SensorMeasurement, plan: SensorPlan) -> None:
     axes = figure.subplots()
     for limit in (-0.01, 0.01):
         axes.axhline(limit, color=PLOT_GREY)
-    for name, line, colour in zip(NAMES, body.lines, PLOT_CHANNELS, strict=True):
+    for name, line, colour in zip(body.names, body.lines, PLOT_CHANNELS, strict=False):
         full = line.saturation_dn
         said = "not reached" if full is None else f"{full:.0f} DN above black"
         axes.plot(doses, line.deviations, "o-", color=colour, label=f"{name}: upper end {said}")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pdcd.arrays import Floats
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.shown import Bits, PanelSequence
-from pdcd.calibration.timing.strips import CHANNEL_SHARES, CLIPPED, FEWEST_QUADS
+from pdcd.calibration.timing.strips import CLIPPED, FEWEST_QUADS
 from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
@@ -123,7 +123,7 @@ def _over_white(
     """
     sums = []
     for taken in photos:
-        for values, weights in ((taken.light, CHANNEL_SHARES), (taken.variance, CHANNEL_SHARES**2)):
+        for values, weights in ((taken.light, taken.shares), (taken.variance, taken.shares**2)):
             sums.append(np.bincount(cell, values[used] @ weights, minlength=cells))
     light, var, full, full_var, *room = (np.asarray(one, dtype=np.float64) for one in sums)
     beside, beside_var = room or (np.zeros(cells), np.zeros(cells))

@@ -14,8 +14,6 @@ from pdcd.calibration.timing.programmes import Programme, PulseStrips
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 
-CHANNEL_SHARES = np.array([0.25, 0.5, 0.25])
-"""Shares of R, G and B in the light of a quad: of its four samples."""
 _USED = 0.25
 """Left out of a strip on either side: blur and maps that are not exact reach less far."""
 FEWEST_QUADS = 16
@@ -106,7 +104,7 @@ def read_strips(
         sigma = np.hypot(sigma, np.abs(opened - value) * noise)
     height = (strips.window.bottom - strips.window.top) / bands
     used = cell >= 0
-    within = white.light[used] @ CHANNEL_SHARES * (y[used] * bands - band[used] - 0.5)
+    within = white.light[used] @ white.shares * (y[used] * bands - band[used] - 0.5)
     off = height * np.bincount(cell[used], within, size) / full
     return StripReadings(
         value.reshape(shape),
@@ -146,8 +144,8 @@ def _sums(taken: QuadPhoto, cell: NDArray[np.int32], size: int) -> tuple[Floats,
     """Light of all quads of each cell and its variance, (size,) each; clipped ones count too, for
     there are few."""
     used = cell >= 0
-    light = taken.light[used] @ CHANNEL_SHARES
-    var = taken.variance[used] @ CHANNEL_SHARES**2
+    light = taken.light[used] @ taken.shares
+    var = taken.variance[used] @ taken.shares**2
     where = cell[used]
     sums = (np.bincount(where, weights, minlength=size) for weights in (light, var))
     first, second = (np.asarray(found, dtype=np.float64) for found in sums)
@@ -207,7 +205,7 @@ def _check_gaps(
     gap = inside & border & (away < 0.4)
     core = inside & (strips.number(field_x, _USED) >= 0)
     levels = [
-        float(np.mean(white.light[part] @ CHANNEL_SHARES)) for part in (gap, core) if part.any()
+        float(np.mean(white.light[part] @ white.shares)) for part in (gap, core) if part.any()
     ]
     if len(levels) == 2 and levels[0] > _GAP * levels[1]:
         raise CalibrationError(

@@ -17,16 +17,18 @@ from tests.places import ROOT
 pytestmark = pytest.mark.whole
 
 TRUTH = ROOT / "config" / "truth.toml"
-BENCH = {
+BENCH: dict[str, dict[str, object]] = {
     "rig": {"name": "small"},
     "projector": {"size_px": (160, 120)},
     "mask": {"size_px": (250, 188), "place": {"flip": "horizontal", "turn_deg": 180.0}},
-    "camera": {"frame_quads": (200, 150), "f_number": 36.0},
+    "camera": {"frame_quads": (200, 150)},
     "scene": {"grid": (12, 16)},
     "bench": {"truth": str(TRUTH)},
     "server": {"state_dir": "state"},
 }
-"""As few pixels as all steps can do with, and one stop, which the light of that truth calls for."""
+"""As few pixels as all steps can do with."""
+STOPS = {"modern": 36.0, "mono": 114.0}
+"""The one stop that the light of that truth calls for, by the sensor."""
 TRUE = {
     "projector.contrast": 1500.0, "projector.rise_s": 0.0015, "projector.fall_s": 0.0022,
     "mask.contrast": 420.0, "mask.rise_s": 0.0041, "mask.fall_s": 0.0093,
@@ -73,10 +75,11 @@ def photograph(
     return float(summary["rms_error_cells"])
 
 
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="module", params=STOPS)
+def bench(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Path:
     path = tmp_path_factory.mktemp("whole") / "bench.toml"
-    path.write_text(format_toml(BENCH))
+    camera = {**BENCH["camera"], "profile": request.param, "f_number": STOPS[request.param]}
+    path.write_text(format_toml({**BENCH, "camera": camera}))
     return path
 
 
@@ -86,9 +89,11 @@ def test_all_steps_by_the_command_line(bench: Path, capsys: pytest.CaptureFixtur
     assert last["passed"] is True and record.verdict != "bad" and not record.left_out
     names = [name for name in steps.STEP_SCRIPTS if name not in steps.AT_WISH]
     assert [step.name for step in record.steps] == ["meter", *names]
-    # A map is not sure at the edge of so small a photo; all else is good.
+    # A map is not sure at the edge of so small a photo. One sample of a small well has several
+    # times the noise of a quad, which makes a single exposure of the shutter less sure.
     doubted = {step.name for step in record.steps if step.verdict != "good"}
-    assert doubted <= {"geometry"}, doubted
+    doubts = {"geometry", *(("shutter",) if len(record.camera.responsivity_e) == 1 else ())}
+    assert doubted <= doubts, doubted
     found = values(record)
     for name, true in TRUE.items():
         value, sigma = found[name]

@@ -39,7 +39,7 @@ def decode_xor(photos: Iterable[QuadPhoto], code: XorCode) -> DecodedQuads:
 
 
 def _sines(taken: Iterator[QuadPhoto], code: PhaseCode) -> Sines:
-    sines = Sines(code)
+    sines = Sines(code, 1)
     for photo in islice(taken, code.steps):
         sines.add(photo)
     sines.refuse_flat()

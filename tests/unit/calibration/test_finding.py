@@ -23,7 +23,7 @@ def bench(way: Way | None = None, **changes: Any) -> Bench:
     return replace(Bench(way or small_way(), small_way("mask", scale=1.9)), **changes)
 
 
-def found(bench: Bench, seed: int = 0, grid: DotGrid = GRID) -> tuple[Dots, Dots, Dots]:
+def found(bench: Bench, seed: int = 0, grid: DotGrid = GRID) -> tuple[Dots, ...]:
     white, black, dots = bench.photos(grid.shown(1), seed)
     return find_dots(white, black, dots, grid, other=OTHER)
 

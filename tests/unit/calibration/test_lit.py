@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.geometry.lit import OFFSETS_QUADS, RED, find_panel_light
+from pdcd.calibration.geometry.lit import OFFSETS_QUADS, find_panel_light
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.errors import CalibrationError
 
@@ -48,7 +48,7 @@ def test_lit_quads_have_a_seventh_of_the_brightest_light() -> None:
 
 def test_green_light_tells() -> None:
     white, black = photo(100.0), photo(0.0, seed=1)
-    white.light[..., RED] = black.light[..., RED]
+    white.light[..., 0] = black.light[..., 0]
     assert find_panel_light(white, black, "projector").all()
 
 
@@ -79,8 +79,10 @@ def test_photos_that_tell_nothing_say_why(
 def test_samples_lie_a_quarter_of_a_quad_off_its_middle(pattern: str) -> None:
     """Letters of the four samples: above left, above right, below left, below right."""
     places = [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)]
-    for number, colour in enumerate("RGB"):
-        own = [place for letter, place in zip(pattern, places, strict=True) if letter == colour]
+    assert len(OFFSETS_QUADS[pattern]) == (3 if pattern else 1)
+    for number, colour in enumerate("RGB" if pattern else "W"):  # one sample without colours
+        letters = zip(pattern or "WWWW", places, strict=True)
+        own = [place for letter, place in letters if letter == colour]
         assert OFFSETS_QUADS[pattern][number] == pytest.approx(tuple(np.mean(own, axis=0)))
 
 
