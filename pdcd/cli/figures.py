@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 from pdcd.api.progress import tell_user
 from pdcd.cli.exits import DONE, FAILED
@@ -14,7 +15,7 @@ from pdcd.figures.make import PAGE, make_paper_figures, open_processes
 
 def take_figures(args: argparse.Namespace) -> int:
     """Make the figures; fails where one could not be made, or a number left its bounds."""
-    mode = FULL_MODE if args.full else QUICK_MODE
+    mode = replace(FULL_MODE if args.full else QUICK_MODE, profile=args.profile)
     folder = args.out.absolute()
     with open_processes(args.workers) as pool:
         wanted = choose_figures(args.number)

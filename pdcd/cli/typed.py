@@ -206,6 +206,7 @@ figures  figures:take_figures  take the paper's experiments again, as one page
   --quick                     a coarser camera and fewer codes, some two minutes on two cores (the
                               default)
   --full                      the camera's own resolution, the paper's codes; hours
+  --profile NAME=450d         sensor profile of the camera; mono has no colours
   --no-plots > plots          leave out what needs matplotlib
   --workers N                 processes; default: 2
   @json

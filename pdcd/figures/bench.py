@@ -74,7 +74,7 @@ def make_figure_config(take: FigureTake, mode: FigureMode, folder: Path) -> Conf
         rig=rig,
         scene=scene,
         camera=CameraConfig(
-            profile="450d",
+            profile=mode.profile,
             frame_quads=mode.quads,
             place=_camera(mode.quads, 0.0, (0.0, 0.0)),
             blur_quads=_BLUR_QUADS,

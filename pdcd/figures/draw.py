@@ -72,7 +72,8 @@ def _drawn(panel: FigurePanel, white: float) -> Bytes:
 
 
 def _coloured(image: NDArray[Any]) -> NDArray[Any]:
-    return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+    image = image if image.ndim == 3 else image[..., None]
+    return image if image.shape[2] == 3 else np.repeat(image, 3, axis=2)
 
 
 def _with_strip(pixels: Bytes, caption: str, marks: tuple[tuple[int, str], ...]) -> Bytes:

@@ -104,7 +104,7 @@ def _shades(entries: NDArray[Any], top: float) -> NDArray[np.uint8]:
 
 def _mark_row(image: NDArray[Any], row: int, rows: int) -> NDArray[Any]:
     """A picture with thin lines above and below one row of cells."""
-    shown = np.array(image)
+    shown = np.array(np.broadcast_to(image, (*image.shape[:2], 3)))
     bright = np.float32(np.nanpercentile(image, 99.0)) * np.array([1.0, 0.8, 0.1], np.float32)
     for edge in (row, row + 1):
         at = round(edge / rows * len(shown))

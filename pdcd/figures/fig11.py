@@ -31,6 +31,7 @@ from pdcd.figures.figure import (
     Photos,
     take_coded,
 )
+from pdcd.sensor.profile import weigh_colours
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.displaced import DisplacedEffect
 from pdcd.virtual.scene.effects import Array
@@ -119,7 +120,7 @@ def measure_direct_left(photo: FigurePhoto, disparity: float) -> float:
 
     Indirect light of the front, which stays, is taken off as the scene has it.
     """
-    on, direct, white = _front(photo.grid, disparity)
+    on, direct, white = _front(photo.grid, disparity, photo.image.shape[2])
     height, width = photo.image.shape[:2]
     row = (np.arange(height) * photo.grid[0]) // height
     col = (np.arange(width) * photo.grid[1]) // width
@@ -131,8 +132,10 @@ def measure_direct_left(photo: FigurePhoto, disparity: float) -> float:
 
 
 @lru_cache(maxsize=8)
-def _front(grid: GridShape, disparity: float) -> tuple[NDArray[np.bool_], Array, Array]:
-    """Cells (N,) that see the lit front, as those around them do; direct and all light (N, 3)."""
+def _front(
+    grid: GridShape, disparity: float, colours: int = 3
+) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Cells (N,) that see the lit front, as those around them do; direct and all light (N, C)."""
     options = {"disparity": disparity, "painted": True}
     scene = build_scene(SceneConfig(kind=BOX_SCENE, grid=grid, options=options))
     lit = np.ones((1, scene.cells))
@@ -143,7 +146,7 @@ def _front(grid: GridShape, disparity: float) -> tuple[NDArray[np.bool_], Array,
     inside = on.copy()
     for axis in (0, 1):
         inside &= np.roll(on, 1, axis) & np.roll(on, -1, axis)
-    return inside.ravel(), direct, scene.white()
+    return inside.ravel(), weigh_colours(direct, colours), weigh_colours(scene.white(), colours)
 
 
 FIGURE = PaperFigure(

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pdcd.sensor.profile import load_profile
 from pdcd.words import GoalName
 
 Image = NDArray[np.floating]
@@ -36,6 +37,7 @@ class FigureMode:
     quick : whether figures may leave out what only a long run can show.
     thrift, least_codes : captures get that many times fewer codes than they ask for, but at least
         so many.
+    profile : sensor profile of the camera; a pixel without colours is what a quad was.
     """
 
     name: str
@@ -45,6 +47,13 @@ class FigureMode:
     quick: bool
     thrift: int = 1
     least_codes: int = 32
+    profile: str = "450d"
+
+    @property
+    def samples(self) -> tuple[int, int]:
+        """(width, height) of the camera's frame in samples."""
+        side = 2 if load_profile(self.profile).colours == 3 else 1
+        return side * self.quads[0], side * self.quads[1]
 
     def bound(self, quick: float, full: float) -> float:
         """A bound that is another on the full page: its cells are finer, its quads noisier."""
@@ -102,11 +111,11 @@ class FigurePhoto:
     """What a capture gave, on a raster of the field: upright, as the projector sees the scene.
 
     pictures : by the names that the run has (`white`, `direct`, the goal ...), answer first; each
-        (H, W, 3) float32, linear, scene units; NaN where nothing is known.
+        (H, W, C) float32, linear, scene units; NaN where nothing is known.
     truths : the same pictures as the scene really is, seen through the same optics.
     errors : RMS error of each picture against its truth, over the RMS of the truth, taken over the
         camera's own quads and not over the raster, but for a narrow border of the field.
-    transport, transport_truth : (C, J, 3) entries of T of the goal "transport", else None.
+    transport, transport_truth : (M, J, C) entries of T of the goal "transport", else None.
     summary : of the run, as `pdcd capture --json` tells it.
     grid : rows and columns of cells.
     """
@@ -126,12 +135,12 @@ class FigurePhoto:
 
     @property
     def image(self) -> Image:
-        """The picture that was asked for, (H, W, 3)."""
+        """The picture that was asked for, (H, W, C)."""
         return self.pictures[self.answer]
 
     @property
     def truth(self) -> Image:
-        """What it is in truth, (H, W, 3)."""
+        """What it is in truth, (H, W, C)."""
         return self.truths[self.answer]
 
     @property
@@ -147,7 +156,7 @@ Photos = Mapping[str, FigurePhoto]
 class FigurePanel:
     """One picture of a figure.
 
-    image : (H, W, 3) or (H, W); linear light in scene units, or with `kind` "grey" the pixels
+    image : (H, W, C) or (H, W); linear light in scene units, or with `kind` "grey" the pixels
         themselves, uint8, drawn by the figure.
     caption : below it, a few words.
     white : scene units that are shown as white; None: as the other panels of the row, by the

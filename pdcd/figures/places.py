@@ -11,11 +11,11 @@ _HALF = 0.012
 
 
 def average_patch(image: Image, at: tuple[float, float]) -> float:
-    """Mean of the green of a small patch about a point of the field."""
-    height, width = image.shape[:2]
+    """Mean of the green, or of all there is, of a small patch about a point of the field."""
+    height, width, colours = image.shape
     half = max(round(_HALF * width), 1)
     x, y = round(at[0] * width), round(at[1] * height)
-    return float(np.nanmean(image[y - half : y + half + 1, x - half : x + half + 1, 1]))
+    return float(np.nanmean(image[y - half : y + half + 1, x - half : x + half + 1, colours // 2]))
 
 
 def fit_share(image: Image, of: Image) -> float:

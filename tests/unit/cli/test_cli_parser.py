@@ -126,7 +126,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "virtual-camera": {"port": 15740, "scene": "chart", "small": False},
     "figures --out D": {
         "number": [], "out": Path("D"), "quick": False, "full": False, "plots": True,
-        "workers": None,
+        "workers": None, "profile": "450d",
     },
     "snr": {
         "profile": "modern", "iso": None, "codes": 512, "exposure": 30.0, "signal": None,
