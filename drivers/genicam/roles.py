@@ -112,12 +112,12 @@ class GenicamReadout:
         device = self._camera.open(_READOUT)
         identity, cfa = device.identity, device.pixel_format.cfa
         width, height = device.size
-        side = 1 if cfa is None else 2
+        side, colours = (1, 1) if cfa is None else (2, 3)
         return CameraInfo(
             model=f"{identity.get('vendor', '')} {identity.get('model', 'camera')}".strip(),
             serial=identity.get("serial", ""),
             profile=self._config.profile,
-            responsivity_e=responsivity_e(self._config),
+            responsivity_e=responsivity_e(self._config, colours),
             isos=device.isos,
             f_numbers=(),
             frame_quads=(width // side, height // side),

@@ -57,7 +57,7 @@ class BenchLight:
         return asked_ns
 
     def make_samples(self, exposure: VirtualExposure) -> NDArray[np.uint16]:
-        """The bench's photo, its quads in the order of the format."""
+        """The bench's photo, quads of a mosaic in the order of the format."""
         shape = (exposure.height, exposure.width)
         if exposure.exposure_s < _DARK_S:
             return np.full(shape, self.sensor.profile.black_dn, np.uint16)
@@ -65,7 +65,8 @@ class BenchLight:
         wanted = 100.0 * 10.0 ** (exposure.gain_db / 20.0)
         iso = min(isos, key=lambda known: abs(math.log(known / wanted)))
         ((samples, _),) = self.sensor.photos(iso, self._f_number, 1)
-        return order_mosaic(samples, exposure.pixel_format.cfa or "RGGB")
+        cfa = exposure.pixel_format.cfa
+        return samples if cfa is None else order_mosaic(samples, cfa)
 
 
 def order_mosaic(samples: NDArray[np.uint16], cfa: str) -> NDArray[np.uint16]:
@@ -86,19 +87,21 @@ class HostedCamera(GenicamCamera):
         config = context.config
         options = read_genicam_options(config)
         film = BenchLight(context)
-        profile = film.sensor.profile
-        name = options.pixel_format or ("BayerRG12p" if profile.bits <= 12 else "BayerRG16")
-        if name not in BY_NAME or BY_NAME[name].cfa is None:
+        profile, mosaic = film.sensor.profile, film.sensor.cfa is not None
+        kind, side = ("BayerRG", 2) if mosaic else ("Mono", 1)
+        name = options.pixel_format or kind + ("12p" if profile.bits <= 12 else "16")
+        if name not in BY_NAME or (BY_NAME[name].cfa is not None) is not mosaic:
             raise ConfigError(
                 f"the virtual camera has no pixel format {name}",
                 device="camera",
-                hint="take one of a mosaic: BayerRG12p, BayerGB16 ...",
+                hint=f"take {kind}12p or {kind}16; the sensor profile says whether there are "
+                "colours",
             )
-        width, height = film.sensor.frame_quads
+        width, height = (side * count for count in film.sensor.frame_quads)
         self.virtual = VirtualGenicamCamera(
             CameraDescription(
-                2 * width,
-                2 * height,
+                width,
+                height,
                 (BY_NAME[name],),
                 white=profile.white_dn,
                 gain_db=20.0 * math.log10(profile.isos[-1] / 100.0),

@@ -33,12 +33,17 @@ def _alone() -> Iterator[None]:
         yield
 
 
-def engine_of(folder: Path, driver: str, options: dict[str, Any], **tables: Any) -> Engine:
+def engine_of(
+    folder: Path, driver: str, options: dict[str, Any], profile: str = "modern", **tables: Any
+) -> Engine:
     folder.mkdir()
+    camera = CameraConfig(
+        driver=driver, noise="none", f_number=8.0, options=options, profile=profile
+    )
     engine = Engine(
         bench_rig.config(
             folder,
-            camera=CameraConfig(driver=driver, noise="none", f_number=8.0, options=options),
+            camera=camera,
             trigger=TriggerConfig(driver=driver, lag_s=0.001, jitter_s=0.0),
             **tables,
         )
@@ -65,11 +70,20 @@ def photos(result: CaptureResult) -> dict[str, Any]:
     return {path.name: read_raw(path) for path in sorted((Path(result.folder) / "raw").iterdir())}
 
 
-def test_photos_are_those_of_the_mock_camera(tmp_path: Path) -> None:
-    expected = photos(take(engine_of(tmp_path / "mock", "mock", {})))
+@pytest.mark.parametrize(
+    ("profile", "names"),
+    [
+        ("modern", ("BayerRG16", "BayerBG16", "BayerGR16", "BayerGB16")),
+        ("mono", ("Mono12p", "Mono16")),
+    ],
+)
+def test_photos_are_those_of_the_mock_camera(
+    profile: str, names: tuple[str, ...], tmp_path: Path
+) -> None:
+    expected = photos(take(engine_of(tmp_path / "mock", "mock", {}, profile)))
     assert {"white.dng", "coded.dng"} <= set(expected)
-    for name in ("BayerRG16", "BayerBG16", "BayerGR16", "BayerGB16"):
-        engine = engine_of(tmp_path / name, "virtual-genicam", {"pixel_format": name})
+    for name in names:
+        engine = engine_of(tmp_path / name, "virtual-genicam", {"pixel_format": name}, profile)
         result = take(engine)
         assert result.state == "done", result.error
         found = photos(result)
