@@ -125,7 +125,11 @@ class ReadoutContract(RigContract):
             info = rig.readout.connect()
             READOUT_SAYS.require(isinstance(info, CameraInfo), repr(info))
             electrons = np.asarray(info.responsivity_e)
-            known = electrons.shape == (3,) and np.isfinite(electrons).all() and electrons.min() > 0
+            known = (
+                electrons.shape in ((3,), (1,))
+                and np.isfinite(electrons).all()
+                and electrons.min() > 0
+            )
             numbers = [*info.isos, *info.f_numbers, *(info.frame_quads or ())]
             readout_s = info.readout_s or 0.0
         whole = bool(info.model and info.isos) and min(numbers) > 0 and readout_s >= 0.0
