@@ -90,9 +90,8 @@ class CameraInfo:
     """What the camera is and how it answers to light.
 
     `responsivity_e` (3,) float64: electrons per scene unit per second, for R, G, B, at f/1, or (1,)
-    of a sensor without colours, where the rig takes the sum of three; the
-    signal at aperture f is this divided by f squared; `camera.responsivity_e` of the configuration,
-    typed or measured, takes its place. `profile` names the sensor profile.
+    without colours; the signal at aperture f is this divided by f squared; `camera.responsivity_e`
+    of the configuration, typed or measured, takes its place. `profile` names the sensor profile.
     """
 
     model: str
@@ -103,20 +102,18 @@ class CameraInfo:
     f_numbers: tuple[float, ...]
     """Apertures that can be set from here; empty for a manual lens."""
     frame_quads: tuple[int, int] | None = None
-    """Width and height of its photos in Bayer quads, or in samples of a sensor without colours,
-    where that is known before the first one."""
+    """Width and height of its photos in Bayer quads, where that is known before the first one."""
     readout_s: float | None = None
     """Seconds that a photo costs beside its exposure: getting ready, and until its file is stored.
     None where that is not known; the rig then learns it from the first photos."""
     cfa: str | None = "RGGB"
     """Colours of the quad at the upper left corner of its photos, row by row: "RGGB", "BGGR",
     "GRBG" or "GBRG"; None for a sensor without colours. Any other word is that of a mosaic that is
-    not known here; the rig refuses it before there is light. A driver that cannot know leaves it:
-    the sensor profile then says whether there are colours."""
+    not known here; the rig refuses it before there is light."""
 
     @property
     def colours(self) -> int:
-        """How many colours its pictures have: 3, or 1 of a sensor without."""
+        """Of its pictures: 3, or 1 of a sensor without."""
         return int(self.responsivity_e.size)
 
 

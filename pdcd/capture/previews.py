@@ -47,8 +47,9 @@ def read_preview(result: CaptureResult) -> PreviewView:
         raise make_error(*(error.get(f) for f in ("kind", "message", "device", "hint")))
     folder = Path(result.folder)
     path = folder / "preview" / "white.png"
-    cells = read_manifest(folder).run.cells
-    height, width = (0, 0) if cells is None else cells.frame
+    record = read_manifest(folder).run
+    height, width = (0, 0) if record.cells is None else record.cells.frame
     with refuse_unsound(path):
         digest = hash_file(path, MAX_PICTURE_BYTES)
-    return PreviewView(path=str(path), sha256=digest, shape=(height, width, 3))
+    shape = height, width, len(record.responsivity_e)
+    return PreviewView(path=str(path), sha256=digest, shape=shape)

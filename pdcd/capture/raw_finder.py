@@ -15,7 +15,7 @@ from pdcd.capture.rig import Rig
 from pdcd.errors import ExposureError
 from pdcd.sensor.finder_picture import choose_finder_gain, draw_finder_picture
 from pdcd.sensor.profile import load_profile
-from pdcd.sensor.raw import read_raw, to_rgb
+from pdcd.sensor.raw import read_raw, to_colours
 
 _FIRST_S, _SHORTEST_S, _LONGEST_S = 0.05, 0.002, 0.2
 """Exposures: the first one, and those that it may come to."""
@@ -52,7 +52,8 @@ class RawFinder:
         self._exposure_s = min(max(wanted_s, _SHORTEST_S), _LONGEST_S)
         # What the next exposure does not make up for.
         gain = 1.0 if step <= 1.0 else min(step, _MOST_STEP)
-        return draw_finder_picture(light * gain)
+        shown = light[..., 0] if light.shape[-1] == 1 else light
+        return draw_finder_picture(shown * gain)
 
     def disconnect(self) -> None:
         """Close the shutter; the rig keeps its devices."""
@@ -60,7 +61,7 @@ class RawFinder:
             self._rig.shutter.close()
 
     def _expose(self, folder: Path, timeout_s: float) -> Floats:
-        """The light of one photo at some of its quads, 1 being white, (h, w, 3)."""
+        """The light of one photo at some of its quads, 1 being white, (h, w, C)."""
         rig, config = self._rig, self._rig.config
         info = rig.camera_info
         fixed = config.camera.f_number
@@ -86,13 +87,15 @@ class RawFinder:
         photo = rig.readout.fetch(folder, "live", timeout_s)
         light = _read_frame(photo) if isinstance(photo, PhotoFrame) else _read_file(photo)
         # White is white.
-        return light if info is None else light * info.responsivity_e.max() / info.responsivity_e
+        if info is None:
+            return light
+        return np.asarray(light * info.responsivity_e.max() / info.responsivity_e)
 
 
 def _read_file(photo: RawFile) -> Floats:
     frame = read_raw(photo.path, sha256=photo.sha256, size_bytes=photo.size_bytes)
     some = slice(None, None, max(1, -(-max(frame.frame) // _MOST_QUADS)))
-    light = to_rgb(frame.planes[:, some, some])
+    light = to_colours(frame.planes[:, some, some])
     return light / float(frame.white - frame.black.mean())
 
 
@@ -101,7 +104,10 @@ def _read_frame(photo: PhotoFrame) -> Floats:
     step = max(1, -(-max(photo.samples.shape) // (2 * _MOST_QUADS)))
     black = np.broadcast_to(np.asarray(photo.black, np.float64).ravel(), 4)
     span = photo.white - float(black.mean())
-    colours = photo.cfa or ""
+    if photo.cfa is None:
+        samples = photo.samples[:: 2 * step, :: 2 * step].astype(np.float64)
+        return np.asarray((samples - black[0]) / span)[..., None]
+    colours = photo.cfa
     if sorted(colours) != sorted("RGGB"):
         raise ExposureError("the camera has no Bayer mosaic", device="camera", hint="use another")
     planes: dict[str, list[Floats]] = {}

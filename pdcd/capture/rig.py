@@ -210,10 +210,9 @@ class Rig:
         light = camera.responsivity_e if known is None else np.array(known)
         if known is None and colours == 1:  # of a driver that tells of three filters
             light = light.sum(keepdims=True)
-        if light.size != colours:
+        if (told := light.size) != colours:
             raise ConfigError(
-                f"camera.responsivity_e has {light.size} numbers, and {camera.model} "
-                f"{colours} {'colours' if colours > 1 else 'colour'}",
+                f"camera.responsivity_e has {told} numbers, colours of {camera.model}: {colours}",
                 device="camera",
                 hint="give one number for each, or remove it and calibrate light",
             )

@@ -146,7 +146,7 @@ def test_an_answer_to_light_of_other_colours_is_refused(
 ) -> None:
     camera = CameraConfig(profile="mono", responsivity_e=responsivity)
     with pytest.raises(
-        ConfigError, match=f"has {len(responsivity)} numbers, and mock mono 1 colour"
+        ConfigError, match=f"has {len(responsivity)} numbers, colours of mock mono: 1"
     ):
         attempt(bench_rig.config(tmp_path, camera=camera))
 
