@@ -152,6 +152,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Found]:
 
 
 @pytest.mark.whole
+@pytest.mark.timeout(600)  # a minute and a half of a processor
 def test_a_stranger_is_photographed_as_if_it_were_known(found: Found) -> None:
     """One common factor apart: the steps that find it are left out."""
     facts, folder, files = found

@@ -124,7 +124,7 @@ def test_the_command_takes_one_row_or_two(
     assert main(["plan", "transport", "--rows", "2", "3", *rig]) == 0
     assert "15 of 1 codes" in capsys.readouterr().out
     assert main(["transport", "--rows", "1", "2", "3", *rig]) == 2
-    assert "--rows: it takes 1 or 2 whole numbers" in capsys.readouterr().err
+    assert "--rows takes 1 or 2 whole numbers" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("columns", [1, 3])

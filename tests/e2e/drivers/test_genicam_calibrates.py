@@ -115,7 +115,9 @@ def begin_alike(engine: Engine) -> None:
     """Have the first frame behind us, and begin at the same time with any camera."""
     engine.start()
     rig = engine._rig
-    rig.readout.arm(CameraSettings(100, 8.0, exposure_s=0.1))
+    f_number = engine._config.camera.f_number
+    assert not isinstance(f_number, str)
+    rig.readout.arm(CameraSettings(100, f_number, exposure_s=0.1))
     rig.clock.sleep_until_ns(START_NS)
 
 
