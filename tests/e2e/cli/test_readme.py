@@ -40,6 +40,7 @@ LEFT_OUT = {
     "pdcd show --loop": "the same",
     "pdcd timing": "the same",
     "pdcd doctor camera": "ends with 5 where there is none",
+    "pdcd preview": "looks until it is interrupted",
     "pdcd virtual-camera": "serves until it is interrupted",
 }
 """Lines that are not run, by how they begin."""
