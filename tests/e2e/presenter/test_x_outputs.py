@@ -79,8 +79,8 @@ def test_outputs_have_the_geometry_and_the_rate_of_their_modelines(display: Any)
     # 336 x 600 total pixels at 12.096 MHz, and 480 x 450 at 12.960 MHz: 60 Hz exactly.
     left = Output("DUMMY1", True, 0, 0, 256, 192, "projector", 60.0)
     right = Output("DUMMY0", True, 256, 0, 400, 300, "mask", 60.0)
-    assert replace(found["DUMMY1"], levels=left.levels) == left
-    assert replace(found["DUMMY0"], levels=right.levels) == right
+    assert replace(found["DUMMY1"], levels=left.levels, timings=()) == left
+    assert replace(found["DUMMY0"], levels=right.levels, timings=()) == right
     assert read_outputs(display, anew=False) == read_outputs(display)
     assert not found["DUMMY2"].connected and not found["DUMMY2"].on
 

@@ -37,7 +37,7 @@ REQUESTS = {
 
 
 def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: Heard) -> None:
-    faults = DisplayConfig(faults=FaultsConfig(dropped=(10,), exposures=1))
+    faults = DisplayConfig(faults=FaultsConfig(dropped=(4,), exposures=2))
     events: list[Event] = []
     camera = CameraConfig(noise="none")  # its lens can be set
     with (
@@ -55,7 +55,7 @@ def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: H
                 lines = (folder / "log.jsonl").read_text().splitlines()
                 logged = [json.loads(line) for line in lines]
         asked: list[str] = []
-        calibration = CalibrateRequest(steps=("geometry",), attended=True)
+        calibration = CalibrateRequest(steps=("timing",), attended=True)
         measured = client.calibrate(calibration, on_event=events.append, answer=asked.append)
         assert measured.error is not None and measured.error["kind"] == "calibration"
         assert len(asked) == 1 and "card" in asked[0]

@@ -15,6 +15,8 @@ from pdcd.setup.propose import BenchProposal, suggest_bench, suggest_choices
 from tests.tools import needs, program
 from tests.unit.setup.bench_facts import ADAPTER, EOS, bare, desk
 
+SH = "/bin/sh"
+
 
 def made(**typed: str) -> BenchProposal:
     facts = desk(cameras=(EOS,), ports=(ADAPTER,))
@@ -31,13 +33,13 @@ def test_all_files_of_a_bench_that_gets_a_server(tmp_path: Path) -> None:
     config, faults = read_config(folder / "pdcd.toml")
     assert not faults and config.trigger.driver == "serial"
     assert tomllib.loads(files["pdcd.toml"])["scene"] == {"grid": [60, 80]}
-    assert subprocess.run(["sh", "-n", folder / "install.sh"]).returncode == 0
+    assert subprocess.run([SH, "-n", folder / "install.sh"]).returncode == 0
     # Everything that is installed is there.
     lines = [line.split("#")[0] for line in files["install.sh"].splitlines()]
     for line in lines:
         if line.startswith("install"):
             named = subprocess.run(
-                ["sh", "-c", f"printf '%s\\n' {line}"], capture_output=True, text=True, check=True
+                [SH, "-c", f"printf '%s\\n' {line}"], capture_output=True, text=True, check=True
             ).stdout.split("\n")
             sources = [n for n in named if n.startswith("/") and not n.startswith(("/etc", "/usr"))]
             assert sources and all(Path(source).is_file() for source in sources), line
