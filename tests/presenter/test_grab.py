@@ -27,6 +27,8 @@ from pdcd.presenter.xconnection import close_x_connection, open_x_connection
 from tests import lateness, x11_rig
 from tests.xserver import QUARTER, XServer, run
 
+pytestmark = pytest.mark.whole
+
 GRID = (6, 8)
 
 CELL = 20

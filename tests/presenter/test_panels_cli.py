@@ -16,6 +16,8 @@ from pdcd.panels.patterns import read_pattern_levels
 from tests import x11_rig
 from tests.xserver import XServer
 
+pytestmark = pytest.mark.whole
+
 
 @pytest.fixture
 def file(tmp_path: Path, x_quarter: XServer) -> Path:

@@ -32,6 +32,8 @@ from tests.contract.test_display import GRID, frames
 from tests.panel_pixels import planned, upright
 from tests.xserver import QUARTER, XServer, run
 
+pytestmark = pytest.mark.whole
+
 
 @pytest.fixture(scope="class")
 def started(tmp_path_factory: pytest.TempPathFactory, x_quarter: XServer) -> Iterator[Rig]:

@@ -20,6 +20,8 @@ from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.taken import NO_FILES, attempt, started, take, take_with
 
+pytestmark = pytest.mark.whole
+
 GRID = bench_rig.GRID
 ROWS, COLS = GRID
 N = ROWS * COLS

@@ -22,7 +22,7 @@ from pdcd.sensor.raw import read_raw
 from tests import bench_rig
 from tests.genicam_rig import needs_aravis, turn
 
-pytestmark = needs_aravis
+pytestmark = [needs_aravis, pytest.mark.whole]
 
 REQUEST = CaptureRequest(goal="indirect", codes=16)
 

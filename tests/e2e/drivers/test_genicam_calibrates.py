@@ -31,7 +31,7 @@ from tests.e2e.calibration.timing_rig import MASK_PX, PROJECTOR_PX, QUADS
 from tests.genicam_rig import needs_aravis, turn
 from tests.places import ROOT
 
-pytestmark = needs_aravis
+pytestmark = [needs_aravis, pytest.mark.whole]
 
 MARGIN_S, MARGIN = 0.1, 0.1
 START_NS = 10_000_000_000

@@ -30,7 +30,7 @@ from tests.browser import Tab, browser
 ROWS, COLS = bench_rig.GRID
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\"'&{{script}}\u202e"
 
-pytestmark = tools.needs("chromium")
+pytestmark = [tools.needs("chromium"), pytest.mark.whole]
 
 
 def finished(folder: Path, config: Any, **fields: Any) -> Path:

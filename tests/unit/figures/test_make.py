@@ -38,6 +38,8 @@ from pdcd.figures.figure import (
 from pdcd.figures.make import PAGE, MakeOutcome, make_paper_figures
 from pdcd.figures.record import capture_told, fingerprint_of, read_record
 
+pytestmark = pytest.mark.whole
+
 LIGHT = np.linspace(0.0, 1.0, 96 * 128 * 3, dtype=np.float32).reshape(96, 128, 3)
 SUMMARY = {"codes": 16, "family": "hadamard", "shots": 2, "exposure_s": 3.5, "wall_s": 2.0}
 PHOTO = FigurePhoto(
