@@ -137,6 +137,8 @@ def judge_samples(path: Path, mine: Samples) -> tuple[str, bool]:
     found: dict[str, Callable[[Path], Samples]] = {
         "dcraw": _read_by_dcraw, "tifffile": _read_by_tifffile, "rawpy": _read_by_rawpy
     }  # fmt: skip
+    if mine.dtype.kind == "f":
+        del found["rawpy"]  # LibRaw scales real numbers by their maximum
     said = "nobody"
     for judge, read in found.items():
         try:
