@@ -27,7 +27,7 @@ device, and `hint` what to do.
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import ClassVar
 
@@ -154,6 +154,12 @@ def make_error(
     """The error that a result or a message on the wire tells of; an unknown kind is the base."""
     known = {c.kind: c for c in PdcdError.__subclasses__()}
     return known.get(kind or "", PdcdError)(message or "", device=device, hint=hint)
+
+
+def restore_error(fields: Mapping[str, str | None] | None) -> PdcdError:
+    """The error of `to_error_fields`; for whoever has a result and is to raise what it ended by."""
+    told = fields or {}
+    return make_error(*(told.get(name) for name in ("kind", "message", "device", "hint")))
 
 
 def to_error_fields(error: PdcdError) -> dict[str, str | None]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self, Unpack
 from pdcd.api.arguments import Arguments, make_request
 from pdcd.api.progress import EventListener, ProgressChoice, show_progress
 from pdcd.api.run import Run, open_run
-from pdcd.errors import make_error
+from pdcd.errors import restore_error
 from pdcd.files.opening import Sendable
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
@@ -116,7 +116,7 @@ def open_finished_run(result: CaptureResult) -> Run:
     if result.state == "done" and result.folder is not None:
         return open_run(Path(result.folder))
     told = result.error or {"message": f"the job is {result.state}"}
-    error = make_error(*(told.get(name) for name in ("kind", "message", "device", "hint")))
+    error = restore_error(told)
     if result.folder is not None:
         error.add_note(f"What was taken lies in {result.folder}")
     raise error

@@ -7,7 +7,7 @@ import re
 import shutil
 from pathlib import Path
 
-from pdcd.errors import make_error
+from pdcd.errors import restore_error
 from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file, refuse_unsound
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import PreviewView
@@ -43,8 +43,7 @@ def remove_old_previews(folder: Path) -> None:
 def read_preview(result: CaptureResult) -> PreviewView:
     """What is told of a preview that was taken. Raises the error that its photo ended by."""
     if result.folder is None or result.state != "done":
-        error = result.error or {}
-        raise make_error(*(error.get(f) for f in ("kind", "message", "device", "hint")))
+        raise restore_error(result.error)
     folder = Path(result.folder)
     path = folder / "preview" / "white.png"
     record = read_manifest(folder).run

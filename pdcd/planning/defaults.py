@@ -22,9 +22,8 @@ from pdcd.codes.pilot.codes import SCOUTS, choose_pilot_count
 from pdcd.codes.pilot.matching import MOST_MATCHING_CELLS
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.schedule import count_slot_rows
 from pdcd.planning.bench_fit import resolve_window
-from pdcd.planning.schedule_fit import RANGES, resolve_dark_s, resolve_schedule
+from pdcd.planning.schedule_fit import RANGES, resolve_slot
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.parts import FEWEST_PARTS
 from pdcd.recipes.programs import LongRangeProgram
@@ -274,8 +273,7 @@ def _costs(
     far_alone = request.goal == "long-range" and bool(request.radius)
     window = "whole" if far_alone else resolve_window(request, config, grid)
     fields = Lattice(grid, window).fields
-    slot_s = count_slot_rows(resolve_schedule(request, config, mask_lag_s)) / config.row_hz
-    slot_s += resolve_dark_s(request, config, mask_lag_s) or 0.0
+    slot_s = resolve_slot(request, config, mask_lag_s).slot_s
     # Beside the file, each exposure waits on black before its codes and after them.
     more_s = 2.0 * config.rig.settle_s + config.trigger.lag_s
     return _Costs(

@@ -16,7 +16,6 @@ from pdcd.codes.pilot.codes import MATCHED, SCOUTS
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import check_binary
-from pdcd.panels.schedule import count_slot_rows
 from pdcd.planning.bench_fit import (
     add_bench_plane,
     explain_bench_fit,
@@ -37,7 +36,7 @@ from pdcd.planning.memory import check_memory
 from pdcd.planning.own_codes import OwnCodes, count_own_codes, fit_own_codes
 from pdcd.planning.pairs import count_white_slots, make_pattern_pairs, resolve_family
 from pdcd.planning.plan import LeakProbe, PatternPair, Plan, has_code_mask, is_windowed
-from pdcd.planning.schedule_fit import RANGES, resolve_dark_s, resolve_schedule
+from pdcd.planning.schedule_fit import RANGES, resolve_slot
 from pdcd.protocol.plan_summary import CaptureScheme
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NO_ARRAYS, Given, read_target
@@ -191,7 +190,7 @@ def _decide(
     draft = make_draft_recipe(read_target(request, given, grid), how)
     smoothable = _smoothable(draft, request)
     lattice = Lattice(grid, resolve_window(request, config, grid))
-    schedule = resolve_schedule(request, config, mask_lag_s)
+    slot = resolve_slot(request, config, mask_lag_s)
     own = fit_own_codes(given, lattice, draft)
     family: ShownFamilyName = "given"
     if own is None:
@@ -201,10 +200,8 @@ def _decide(
     known = family if coded or family in ISOLATION else None
     how = msgspec.structs.replace(how, family=known)
     recipe = finish_recipe(draft, how)
-    dark_s = resolve_dark_s(request, config, mask_lag_s) or 0.0
-    slot_s = count_slot_rows(schedule) / config.row_hz + dark_s
-    check_isolation(recipe, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
-    passes = _passes(request, config, recipe, how, lattice, slot_s)
+    check_isolation(recipe, slot_s=slot.slot_s, limit_s=config.limits.max_exposure_s)
+    passes = _passes(request, config, recipe, how, lattice, slot.slot_s)
     check_memory(recipe, how, config)
     # Far light has no Hadamard codes; balanced ones stand in for them.
     far = draft.coded is None and family == "balanced" and request.family is None
@@ -216,8 +213,8 @@ def _decide(
         family=family,
         own=own,
         lattice=lattice,
-        schedule=schedule,
-        dark_s=dark_s,
+        schedule=slot.schedule,
+        dark_s=slot.dark_s,
         passes=passes,
         smooth=smoothable and (usual if request.smooth is None else request.smooth),
         look=blacks.look,

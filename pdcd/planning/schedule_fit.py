@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
+from pdcd.panels.schedule import count_slot_rows
 from pdcd.probing.pulses import PanelResponse, compute_code_separation
 from pdcd.protocol.request import CaptureRequest
 from pdcd.words import GuardsName, ScheduleName
@@ -30,19 +32,29 @@ from all rows counts alike then, whenever these are set, of which a calibration 
 the difference between both panels."""
 
 
-def resolve_schedule(
-    request: CaptureRequest, config: Config, mask_lag_s: float | None
-) -> ScheduleName:
-    """Refreshes of a code, as asked for or as the rig has them; "none" where a dark time keeps
-    codes apart. Raises RequestError as `resolve_dark_s`."""
+@dataclass(frozen=True)
+class CodeSlot:
+    """What one code takes: refreshes of a schedule, the dark time after each, and all of it, s."""
+
+    schedule: ScheduleName
+    dark_s: float
+    slot_s: float
+
+
+def resolve_slot(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> CodeSlot:
+    """Refreshes and dark time of a code, as asked for or as the rig has them; the schedule is
+    "none" where a dark time keeps codes apart. Raises RequestError as `resolve_dark_s`."""
+    dark_s = resolve_dark_s(request, config, mask_lag_s)
     asked = config.schedule.guards if request.guards is None else request.guards
-    if resolve_dark_s(request, config, mask_lag_s) is not None:
-        return "none"
-    if asked == "auto" and has_measured_times(config):
-        return find_quietest_schedule(
-            config, mask_lag_s, _FAR_QUIET if request.goal in RANGES else QUIET
-        )
-    return choose_schedule(asked, *convert_lag_to_rows(config, mask_lag_s))
+    if dark_s is not None:
+        schedule: ScheduleName = "none"
+    elif asked == "auto" and has_measured_times(config):
+        quiet = _FAR_QUIET if request.goal in RANGES else QUIET
+        schedule = find_quietest_schedule(config, mask_lag_s, quiet)
+    else:
+        schedule = choose_schedule(asked, *convert_lag_to_rows(config, mask_lag_s))
+    slot_s = count_slot_rows(schedule) / config.row_hz + (dark_s or 0.0)
+    return CodeSlot(schedule, dark_s or 0.0, slot_s)
 
 
 def is_lag_needed(request: CaptureRequest, config: Config) -> bool:

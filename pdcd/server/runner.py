@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from pdcd.errors import Cancelled, PdcdError, RequestError, make_error
+from pdcd.errors import Cancelled, PdcdError, RequestError, restore_error
 from pdcd.protocol import events
 from pdcd.protocol.events import Event
 from pdcd.protocol.messages import LiveParams, ShowParams, ShowReply, to_wire_types
@@ -122,8 +122,7 @@ class Runner:
         job = self.table.get(name)
         await job.answered.wait()
         if job.answer is None:
-            error = {} if job.result is None else job.result.error or {}
-            raise make_error(*(error.get(f) for f in ("kind", "message", "device", "hint")))
+            raise restore_error(None if job.result is None else job.result.error)
         return job.answer
 
     async def see_next(self, name: str, after: int) -> LiveFrame:
@@ -138,7 +137,7 @@ class Runner:
             if job.ended.is_set():
                 gone = {"kind": "cancelled", "message": "the live view gave way to another job"}
                 error = gone if job.result is None else job.result.error or gone
-                raise make_error(*(error.get(f) for f in ("kind", "message", "device", "hint")))
+                raise restore_error(error)
             await job.news.wait()
         return frame
 

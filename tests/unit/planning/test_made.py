@@ -15,7 +15,7 @@ from pdcd.panels.patterns import read_pattern_levels
 from pdcd.planning.bench_fit import resolve_window
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan, average_pair_light
-from pdcd.planning.schedule_fit import find_quietest_schedule, resolve_schedule
+from pdcd.planning.schedule_fit import find_quietest_schedule, resolve_slot
 from pdcd.protocol.request import CaptureRequest
 from pdcd.watch import Watch
 from tests.unit.planning.test_measured import config
@@ -165,15 +165,17 @@ def test_a_schedule_goes_by_what_is_asked_for_first() -> None:
     quick = {"rise_s": 2e-4, "fall_s": 2e-4}
     timed = config(projector=quick, mask=quick, schedule={"guards": "auto"})
     for lag_s in (0.004, -0.004):
-        assert resolve_schedule(request_of(), timed, lag_s) == find_quietest_schedule(timed, lag_s)
-    assert resolve_schedule(request_of(guards="both"), timed, 0.004) == "both"
-    assert resolve_schedule(request_of(guards=False), timed, 0.004) == "none"
+        assert resolve_slot(request_of(), timed, lag_s).schedule == find_quietest_schedule(
+            timed, lag_s
+        )
+    assert resolve_slot(request_of(guards="both"), timed, 0.004).schedule == "both"
+    assert resolve_slot(request_of(guards=False), timed, 0.004).schedule == "none"
     named = config(projector=quick, mask=quick, schedule={"guards": "full"})
-    assert resolve_schedule(request_of(), named, 0.004) == "full"
+    assert resolve_slot(request_of(), named, 0.004).schedule == "full"
     untimed = config(schedule={"guards": "auto"})
-    assert resolve_schedule(request_of(), untimed, 0.004) == "lag"
-    assert resolve_schedule(request_of(), untimed, -0.004) == "lead"
-    assert resolve_schedule(request_of(), untimed, None) == "full"
+    assert resolve_slot(request_of(), untimed, 0.004).schedule == "lag"
+    assert resolve_slot(request_of(), untimed, -0.004).schedule == "lead"
+    assert resolve_slot(request_of(), untimed, None).schedule == "full"
 
 
 def test_cells_are_at_least_a_pixel_of_the_projector() -> None:

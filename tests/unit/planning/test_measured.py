@@ -16,7 +16,7 @@ from pdcd.planning.make import make_plan
 from pdcd.planning.schedule_fit import (
     compute_schedule_leak,
     find_quietest_schedule,
-    resolve_schedule,
+    resolve_slot,
 )
 from pdcd.protocol.request import CaptureRequest
 
@@ -125,7 +125,7 @@ def test_far_light_wants_codes_kept_apart_ten_times_as_well(
         ("short-range", {"radius": 1}, far),
     ):  # fmt: skip
         request = msgspec.convert({"goal": goal, "guards": "auto", **fields}, CaptureRequest)
-        assert resolve_schedule(request, panels, 0.001) == wanted
+        assert resolve_slot(request, panels, 0.001).schedule == wanted
 
 
 def test_a_plan_says_why() -> None:
