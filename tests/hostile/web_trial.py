@@ -53,15 +53,18 @@ def inside_of(door: BrowserAuth) -> Inside:
     return Inside(door.host, door.address.partition("#")[2])
 
 
-async def sent(host: str, port: int, data: bytes) -> bytes:
-    """All that comes back on one connection; b"" where it was cut. It may be cut while we write."""
+async def sent(host: str, port: int, data: bytes, quiet_s: float | None = QUIET_S) -> bytes:
+    """All that comes back on one connection; b"" where it was cut. It may be cut while we write.
+
+    quiet_s : silence after which we say that nothing more comes; None waits for the other side.
+    """
     reader, writer = await asyncio.open_connection(host, port)
     found = b""
     try:
         async with asyncio.timeout(PATIENCE_S):
             try:
                 writer.write(data)
-                while piece := await _read(reader, writer):
+                while piece := await _read(reader, writer, quiet_s):
                     found += piece
             except ConnectionError:
                 pass
@@ -79,10 +82,12 @@ async def parted(writer: asyncio.StreamWriter) -> None:
         pass
 
 
-async def _read(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
+async def _read(
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, quiet_s: float | None
+) -> bytes:
     """What comes next; after a while of silence the other side is told that nothing more comes."""
     reading = asyncio.ensure_future(reader.read(65536))
-    done, _ = await asyncio.wait([reading], timeout=QUIET_S)
+    done, _ = await asyncio.wait([reading], timeout=quiet_s)
     if not done and writer.can_write_eof():
         writer.write_eof()
     return await reading

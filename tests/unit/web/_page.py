@@ -39,8 +39,9 @@ class Page:
     inside: Inside
 
     async def send(self, data: bytes) -> bytes:
-        """All that comes back for these bytes."""
-        return await sent(self.host, self.port, data)
+        """All that comes back for these bytes, however long the page takes: it takes who sends no
+        more for somebody who has left, and drops the answer."""
+        return await sent(self.host, self.port, data, quiet_s=None)
 
     async def ask(self, path: str, body: bytes | None = None, *, bare: bool = False) -> Any:
         """Status, headers and body of one answer; asked without the token where `bare`."""
