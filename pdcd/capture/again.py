@@ -77,9 +77,14 @@ def recompute_calibration(folder: Path) -> _Again:
             if entry.folder is None:
                 items.append(_Item(key, key in entries and _plain(entries[key]) == _plain(entry)))
         items += [
-            _Item(name, hash_file(work / name, MAX_PICTURE_BYTES) == record.files[name].sha256)
+            _Item(
+                name,
+                (work / name).exists()
+                and hash_file(work / name, MAX_PICTURE_BYTES) == record.files[name].sha256,
+            )
             for name in (MAPS, CALIBRATION_ARRAYS, PROFILE)
-            if name in record.files and (work / name).exists()
+            # A profile may be that of the calibration before.
+            if name in record.files and (name != PROFILE or (work / name).exists())
         ]
     return _Again(
         folder=str(folder), items=tuple(items), identical=all(item.identical for item in items)

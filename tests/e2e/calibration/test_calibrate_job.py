@@ -155,7 +155,7 @@ def test_it_is_computed_again_bit_for_bit(
 ) -> None:
     folder = Path(str(done[1].folder))
     report = recompute_calibration(folder)
-    assert report.identical and {"maps.npz", "arrays.npz"} <= {item.name for item in report.items}
+    assert report.identical and "maps.npz" in {item.name for item in report.items}
     assert main(["calibrate", "--again", str(folder)]) == 0
     assert "DIFFERS" not in capsys.readouterr().out
     copy = tmp_path / "copy"
