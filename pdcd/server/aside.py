@@ -30,12 +30,16 @@ class Outcome(NamedTuple, Generic[_R]):
 
     def get(self) -> _R:
         """The value, or the error raised: one that would end more than the caller, as SystemExit
-        does, as a RuntimeError."""
-        if isinstance(self.error, Exception):
-            raise self.error
-        if self.error is not None:
-            raise RuntimeError(f"{type(self.error).__name__} was raised") from self.error
-        return cast(_R, self.value)
+        does, as a RuntimeError. No frame on its way goes on knowing it: an error that its own
+        frames know is kept, with all that they know, until the next search for such circles."""
+        try:
+            if isinstance(self.error, Exception):
+                raise self.error
+            if self.error is not None:
+                raise RuntimeError(f"{type(self.error).__name__} was raised") from self.error
+            return cast(_R, self.value)
+        finally:
+            del self
 
 
 def finish_future(future: asyncio.Future[_R], value: _R) -> None:
@@ -53,15 +57,17 @@ async def call_in_thread(function: Callable[_P, _R], *args: _P.args, **kwargs: _
     loop = asyncio.get_running_loop()
     done: asyncio.Future[Outcome[_R]] = loop.create_future()
 
-    def run() -> None:
+    def run(waiting: asyncio.Future[Outcome[_R]]) -> None:
         outcome = Outcome.of(lambda: function(*args, **kwargs))
         with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
-            loop.call_soon_threadsafe(finish_future, done, outcome)
+            loop.call_soon_threadsafe(finish_future, waiting, outcome)
+        del outcome, waiting
 
-    thread = threading.Thread(target=run, name="pdcd-aside", daemon=True)
+    thread = threading.Thread(target=run, args=(done,), name="pdcd-aside", daemon=True)
     thread.start()
     try:
         return (await done).get()
     finally:
         if not done.cancelled():
             thread.join()  # all that it has left to do is to end
+        del done

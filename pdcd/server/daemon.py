@@ -47,8 +47,11 @@ GROUPS_S = 10.0
 _STATUS_INTERVAL_NS = 1_000_000_000
 """Least time between two progress lines to the service manager."""
 
-_M_ARENA_MAX = -8
-"""Of glibc's mallopt: how many stores of free memory there may be."""
+_M_ARENA_MAX, _M_MMAP_THRESHOLD = -8, -3
+"""Of glibc's mallopt: how many stores of free memory there may be, and from how many bytes on a
+block is mapped for itself, and unmapped once it is free."""
+_MAPPED_BYTES = 2**17
+_TRIM_S = 5.0
 
 
 def run_daemon(
@@ -71,11 +74,21 @@ def run_daemon(
 
 
 def _share_free_memory() -> None:
-    """Let all threads use what one of them frees: otherwise the C library keeps for each as much as
-    it ever had. Where it is another library, nothing is done."""
+    """Let all threads use what one of them frees, and the system have the large blocks: otherwise
+    the C library keeps for each thread as much as it ever had, and by and by larger blocks. Where
+    it is another library, nothing is done."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(_M_ARENA_MAX, 1)
+        mallopt(_M_MMAP_THRESHOLD, _MAPPED_BYTES)
+
+
+async def _return_memory() -> None:
+    """Give free pages between blocks in use back from time to time; never returns."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", lambda _: None)
+    while True:
+        await asyncio.sleep(_TRIM_S)
+        trim(0)
 
 
 async def _run(config: Config, socket: Path | None, engine_factory: _EngineFactory) -> int:
@@ -188,7 +201,9 @@ async def _serve(
         connections=lambda: server.connections,
     )
     limit_s = watchdog_s()
-    watchdog = asyncio.create_task(tell_watchdog(notifier, worker, limit_s)) if limit_s else None
+    tasks = [asyncio.create_task(_return_memory())]
+    if limit_s:
+        tasks.append(asyncio.create_task(tell_watchdog(notifier, worker, limit_s)))
     try:
         server.open(methods)
         notifier.send("READY=1", "STATUS=idle")
@@ -196,9 +211,9 @@ async def _serve(
         notifier.send("STOPPING=1", "STATUS=stopping")
         await runner.drain()
     finally:
-        if watchdog is not None:
-            watchdog.cancel()
-            await asyncio.gather(watchdog, return_exceptions=True)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def tell_watchdog(notifier: Notifier, worker: EngineThread, limit_s: float) -> None:

@@ -82,6 +82,7 @@ class Readers:
             ) from err
         finally:
             over.set()
+            del done
 
     def _started(
         self, uid: int, function: Callable[[_Alive], _T]
@@ -95,14 +96,16 @@ class Readers:
             if over.is_set():
                 raise _Over
 
-        def body() -> None:
+        def body(waiting: asyncio.Future[Outcome[_T]]) -> None:
             outcome = Outcome.of(lambda: function(alive))
             with suppress(RuntimeError):  # the loop has ended meanwhile
                 loop.call_soon_threadsafe(self._turns.give_back, uid)
-                loop.call_soon_threadsafe(finish_future, done, outcome)
+                loop.call_soon_threadsafe(finish_future, waiting, outcome)
+            del outcome, waiting
 
         try:
-            threading.Thread(target=body, name="pdcd-reader", daemon=True).start()
+            name = "pdcd-reader"
+            threading.Thread(target=body, args=(done,), name=name, daemon=True).start()
         except RuntimeError:  # there are too many
             self._turns.give_back(uid)
             raise

@@ -176,12 +176,12 @@ async def answer_request(
         raise
     # A fault of ours must not leave the client without an answer.
     except BaseException as err:
-        error = to_typed_error(err)
         if isinstance(err, PdcdError):
-            logger.info("refused method=%s error=%s", request.method, error)
+            logger.info("refused method=%s error=%s", request.method, err)
         else:
             logger.exception("method failed method=%s", request.method)
-        line = b"" if request.id is None else encode_error(request.id, error)
+        # No name but `err`: any other would keep error and frames, and so the request, in a circle.
+        line = b"" if request.id is None else encode_error(request.id, to_typed_error(err))
     if line:
         caller.send(line)
     descriptors.release(request.fds)

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import gc
 import threading
-from collections.abc import Callable
+import weakref
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
 
+from pdcd.errors import BusyError
 from pdcd.server.aside import call_in_thread
+from pdcd.server.readers import Readers
 from tests.processes import LONG_S
 
 
@@ -99,3 +104,34 @@ def test_who_waits_no_longer_hears_nothing(
     for call in (lambda: 5, fails):
         assert left_behind(call, ends_first=ends_first) == []
     assert unhandled == []
+
+
+class Held:
+    """Something that a frame knows of when an error is raised."""
+
+
+async def read_aside(function: Callable[[], object]) -> object:
+    return await Readers().run(1, lambda: lambda alive: function())
+
+
+@pytest.mark.parametrize("call", [call_in_thread, read_aside])
+async def test_an_error_keeps_nothing_once_it_was_dealt_with(
+    call: Callable[[Callable[[], object]], Awaitable[object]],
+) -> None:
+    """A request of a megabyte would else be kept until the next search for circles."""
+    held: list[weakref.ref[Held]] = []
+
+    def refuse() -> None:
+        large = Held()
+        held.append(weakref.ref(large))
+        raise BusyError("no")
+
+    gc.disable()
+    try:
+        with contextlib.suppress(BusyError):
+            await call(refuse)
+        async with asyncio.timeout(LONG_S):
+            while held[0]() is not None:  # its thread has a step to go
+                await asyncio.sleep(0.001)
+    finally:
+        gc.enable()

@@ -4,8 +4,10 @@ leaves behind. Order and bytes are told, no times."""
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import tracemalloc
+import weakref
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -114,6 +116,27 @@ async def test_a_thousand_lines_of_one_user_are_one_line_before_anothers(flood: 
     last = len(looked) - 1 - looked[::-1].index(ANNA)
     assert last < 10  # two of Eve's lines at most between two of Anna's
     assert [uid for uid, _ in house.service.order if uid == ANNA] == [ANNA] * 3
+
+
+async def test_a_request_that_is_refused_is_not_kept() -> None:
+    """Not even until the next search for circles: lines may have a megabyte each."""
+    house, held = House(), []
+
+    class Large:
+        pass
+
+    async def refuse(caller: Caller, request: RpcRequest) -> Any:
+        large = Large()
+        held.append(weakref.ref(large))
+        raise DeniedError("no", hint="ask")
+
+    house.service.handle = refuse  # type: ignore[method-assign]
+    gc.disable()
+    try:
+        await house.read(house.let_in(EVE, line("ping")))
+        assert [ref() for ref in held] == [None]
+    finally:
+        gc.enable()
 
 
 async def test_who_sends_long_lines_rests_and_has_only_so_many_unanswered(
