@@ -198,7 +198,11 @@ class Client:
         return self._wait(job, on_event)
 
     def cancel(self, job: str) -> CaptureResult:
-        """End a job; returns when the panels are black and the shutter is closed."""
+        """End a job; returns when the panels are black and the shutter is closed.
+
+        Where a device takes long over that, the result is in state "running", within a second:
+        `wait` for the end.
+        """
         return self._result("capture.cancel", job, None)
 
     def status(self) -> Status:
@@ -260,7 +264,7 @@ class Client:
                 except PdcdError:  # it has ended
                     break
                 number, enough = frame.number, on_frame(frame)
-        return self.cancel(job)
+        return self._end(job, None)
 
     def events(self, jobs: str = "all") -> Iterator[Event]:
         """Subscribe, then yield events as they come, until the daemon closes the connection."""
@@ -339,7 +343,12 @@ class Client:
         """Cancel a job that was asked for, and wait for its end; first for its name, if need be."""
         if started is None:
             started = convert_reply(self._answer(request_id, self._timeout_s, on_event), Admission)
-        return self._result("capture.cancel", started.job, on_event)
+        return self._end(started.job, on_event)
+
+    def _end(self, job: str, on_event: EventHandler | None) -> CaptureResult:
+        """Cancel a job, and wait for its end however long that takes."""
+        result = self._result("capture.cancel", job, on_event)
+        return self._wait(job, on_event) if result.state == "running" else result
 
     def _wait(self, job: str, on_event: EventHandler | None) -> CaptureResult:
         return self._result("capture.wait", job, on_event)

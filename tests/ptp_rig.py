@@ -59,10 +59,12 @@ class PtpRig:
         camera: dict[str, Any] | None = None,
         trigger_driver: str = "ptp",
         camera_driver: str = "ptp",
+        body: type[CameraBody] = CameraBody,
+        usb: Callable[[Any], VirtualUsb] = VirtualUsb,
     ) -> None:
         self.clock = VirtualClock()
-        self.body = CameraBody(self.clock, film or PlainFilm(photo_of), model, script)
-        self.usb = VirtualUsb(self.body)
+        self.body = body(self.clock, film or PlainFilm(photo_of), model, script)
+        self.usb = usb(self.body)
         options = {"usb": "virtual", **(camera or {})}
         config = Config(
             camera=CameraConfig(

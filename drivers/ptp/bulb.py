@@ -85,6 +85,8 @@ class Bulb:
         self._climbs = climbs
         self._clock = clock
         self._spoiled = ""
+        self._unanswered = False
+        """Whether the end of this exposure was asked for, and nobody knows what came of it."""
 
     def new_session(self, method: _Method | None) -> None:
         """A session was opened: close a shutter that the last one, or another program, left open.
@@ -108,7 +110,7 @@ class Bulb:
         method = self.chosen()
         if self.since_ns is not None:
             raise ExposureError("the shutter is open", device=DEVICE, hint="close it first")
-        self._spoiled = ""
+        self._spoiled, self._unanswered = "", False
         self.owed = True
         self.since_ns = self._clock.now_ns()
         try:
@@ -154,15 +156,18 @@ class Bulb:
     def _stop(self, method: _Method) -> None:
         before = self._climbs()
         for _ in range(_STOP_TRIES):
+            asked_before, self._unanswered = self._unanswered, True
             reply = self._order(method.stop, *method.stop_params)
+            self._unanswered = asked_before
             if self.since_ns is None:
                 return  # a new session closed it meanwhile
             if reply.code == ResponseCode.OK:
                 self.since_ns = None
                 logger.info("shutter let go method=%s", method.name)
                 return
-            if reply.code == ResponseCode.GENERAL_ERROR and self._climbs() != before:
-                self.since_ns = None  # asked twice: the first time did it
+            twice = asked_before or self._climbs() != before
+            if reply.code == ResponseCode.GENERAL_ERROR and twice:
+                self.since_ns = None  # the first time did it
                 return
         raise _refused_to_close(reply.code)
 

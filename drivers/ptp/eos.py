@@ -65,6 +65,8 @@ _CALL_S = 120.0
 """Longest that anything but a photo's way home may take, whatever the camera answers."""
 _LEAVE_S, _CLOSE_S = 5.0, 1.0
 """What a camera gets to be left in order, and to close though it does nothing else."""
+_CLOSING_S = 10.0
+"""Longest that all tries together to close one exposure may keep anybody waiting."""
 MOST_PHOTO_B = 1 << 30
 """Of a camera whose sensor is not known."""
 
@@ -102,6 +104,8 @@ class EosCamera(Told):
         self._longest_ns = round((min(longest_s, _LONGEST_S) + _MARGIN_S) * 1e9)
         self._due_ns = self._longest_ns
         """For how long the present exposure may go on."""
+        self._close_by_ns: int | None = None
+        """When the tries to close it are over, once there was one."""
         self._users: set[str] = set()
         self.alive_period_s = PERIOD_S
         self._alive: KeepAlive | None = None
@@ -124,15 +128,27 @@ class EosCamera(Told):
         return context.the(cls, make)
 
     @contextmanager
-    def in_time(self) -> Iterator[None]:
+    def in_time(self, seconds: float = _CALL_S) -> Iterator[None]:
         """The session for one call, which ends by DeviceLost if the camera draws it out."""
 
         def over() -> PdcdError:
             return DeviceLost(
-                f"did not get on with it in {_CALL_S:g} s", device=DEVICE, hint=POWER_CYCLE
+                f"did not get on with it in {seconds:.3g} s",
+                device=DEVICE,
+                hint=POWER_CYCLE,
             )
 
-        with self.session.hold(), self.patience.within(_CALL_S, over):
+        with self.patience.within(seconds, over), self.session.hold():
+            yield
+
+    @contextmanager
+    def _closing(self) -> Iterator[None]:
+        """The session for one of the tries to close an exposure, which share one deadline; a try
+        that comes later still has `_CLOSE_S`."""
+        if self._close_by_ns is None:
+            self._close_by_ns = self.clock.now_ns() + round(_CLOSING_S * 1e9)
+        left_s = (self._close_by_ns - self.clock.now_ns()) * 1e-9
+        with self.in_time(max(left_s, _CLOSE_S)):
             yield
 
     @property
@@ -183,15 +199,16 @@ class EosCamera(Told):
         Idempotent. Raises what `Bulb.end` raises, and DeviceLost when a camera that may be exposing
         is not found, with the camera let go all the same.
         """
-        with self.in_time():
+        with self.in_time(_CLOSING_S):
             held = user in self._users
             self._users.discard(user)
             try:
                 if user == SHUTTER or not self._users:
-                    if held and self.bulb.since_ns is not None:
-                        self.session.open()  # a camera that was lost may be exposing
-                    if self.session.is_open:
-                        self.bulb.end()
+                    with self._closing():
+                        if held and self.bulb.since_ns is not None:
+                            self.session.open()  # a camera that was lost may be exposing
+                        if self.session.is_open:
+                            self.bulb.end()
             finally:
                 if not self._users:
                     self._leave_modes()
@@ -266,6 +283,8 @@ class EosCamera(Told):
             session.lock.release()
 
     def _stay_awake(self) -> None:
+        if self._is_given_up:
+            self.cut_short("the camera closed late")
         if self.session.is_open:
             if self.bulb.overdue(self._due_ns):
                 logger.critical("shutter open for too long, closing camera=%s", self.session.name)
@@ -281,6 +300,8 @@ class EosCamera(Told):
         longest_s : when it is closed at the latest, where that is sooner than the limit of all.
         """
         with self.in_time():
+            if self.bulb.since_ns is None:
+                self._close_by_ns = None
             expected_ns = self._longest_ns if longest_s is None else round(longest_s * 1e9)
             self._due_ns = min(expected_ns, self._longest_ns)
             self.session.open()
@@ -295,17 +316,31 @@ class EosCamera(Told):
 
         May be called from any thread. Raises what `Bulb.end` raises.
         """
-        with self.patience.deaf(), self.in_time():
+        with self.patience.deaf(), self.in_time(_CLOSING_S):
             if self.bulb.since_ns is not None:
-                self.bulb.end()
-                self.bulb.spoil(why)
+                try:
+                    self.session.open()
+                    self.bulb.end()
+                finally:
+                    if self.bulb.since_ns is None:
+                        self.bulb.spoil(why)
+
+    @property
+    def _is_given_up(self) -> bool:
+        """Whether an exposure may go on that nobody tries to end any more, as it took too long."""
+        by_ns, since_ns = self._close_by_ns, self.bulb.since_ns
+        return by_ns is not None and since_ns is not None and self.clock.now_ns() >= by_ns
 
     def end_exposure(self) -> bool:
-        """Close the shutter; returns whether it was open. Raises what `Bulb.end` raises."""
+        """Close the shutter; returns whether it was open. Raises what `Bulb.end` raises.
+
+        Where that takes longer than `_CLOSING_S`, all tries together, nobody waits for it any more:
+        the thread that keeps the camera awake goes on trying.
+        """
         if self.bulb.since_ns is None:  # nobody is asked, who might not answer
             self.bulb.end()
             return False
-        with self.in_time():
+        with self._closing():
             self.session.open()  # a camera that was lost is sought again: it may be exposing
             strays = len(self.files)
             try:
@@ -350,10 +385,11 @@ class EosCamera(Told):
         """What every new session begins with: remote control, events, destination, closed."""
         self.forget()
         try:
-            self._must(Operation.EOS_SET_REMOTE_MODE, 1)
-            self._must(Operation.EOS_SET_EVENT_MODE, 1)
-            if not self._heard(lambda: Property.ISO in self.choices):
-                raise TransactionMismatch("does not tell its settings")
+            with self.patience.within(_CLOSING_S, _give_way):
+                self._must(Operation.EOS_SET_REMOTE_MODE, 1)
+                self._must(Operation.EOS_SET_EVENT_MODE, 1)
+                if not self._heard(lambda: Property.ISO in self.choices):
+                    raise TransactionMismatch("does not tell its settings")
         except PdcdError:
             # It may be exposing, and close though it does nothing else.
             with (

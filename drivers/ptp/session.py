@@ -175,7 +175,7 @@ class PtpSession:
                 return
             try:
                 transport.transact(Operation.CLOSE_SESSION, timeout_s=_CONTACT_S)
-            except WireFault as fault:
+            except PdcdError as fault:  # of who waits no longer, too
                 logger.warning("session not closed camera=%s error=%s", transport.name, fault)
             _let_go(transport)
 

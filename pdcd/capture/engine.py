@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import threading
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -172,6 +173,13 @@ class Engine:
         """Panels black and shutter closed, asked from another thread than that of the engine, which
         hangs in a driver; whether both are, within that time."""
         return self._in_use.make_safe_beside(within_s)
+
+    @property
+    def deaf_s(self) -> float:
+        """For how long devices have kept a job waiting to be made safe; 0 while none does. For any
+        thread."""
+        since_s = self._in_use.deaf_since_s
+        return 0.0 if since_s is None else time.monotonic() - since_s
 
     @property
     def grid(self) -> tuple[int, int]:

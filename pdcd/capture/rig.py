@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
@@ -31,7 +33,7 @@ from pdcd.bench.placed import find_place_faults
 from pdcd.bench.registry import load_driver, name_driver_errors
 from pdcd.bench.tables import Config
 from pdcd.capture.pulse import Pulse
-from pdcd.capture.safety import make_safe, make_safe_beside
+from pdcd.capture.safety import let_go, make_safe, make_safe_beside
 from pdcd.errors import (
     Cancelled,
     ConfigError,
@@ -118,6 +120,9 @@ class Rig:
         self._arming_ns = 0
         self._readouts_ns: deque[int] = deque(maxlen=_LAST_PHOTOS)
         self._photos: set[str] = set()
+        self.deaf_since_s: float | None = None
+        """Since when, on the clock that does not step, devices are being made safe; for any
+        thread."""
         self.look_at_finder: Callable[[], object] = lambda: None
         """Raises DeviceLost while the camera hangs in a live view that was left behind."""
 
@@ -279,16 +284,13 @@ class Rig:
     def disconnect(self) -> None:
         """Make safe, then release all devices; goes on past a device that fails."""
         self.make_safe()
-        with self._context.patience.deaf():
-            for device in (self.readout, self.shutter, self.display):
-                try:
-                    device.disconnect()
-                except BaseException as err:
-                    logger.warning("not released device=%s error=%r", type(device).__name__, err)
+        for device in (self.readout, self.shutter, self.display):
+            let_go(type(device).__name__, device.disconnect, self._context.patience)
 
     def make_safe(self) -> bool:
         """Both panels black and the shutter closed; whether they are. See `pdcd.capture.safety`."""
-        return make_safe(self.display, self.shutter, self._context.patience)
+        with self._deaf():
+            return make_safe(self.display, self.shutter, self._context.patience)
 
     def make_safe_beside(self, within_s: float) -> bool:
         """The same from another thread, while the rig's own may hang in a driver."""
@@ -296,8 +298,18 @@ class Rig:
 
     def _close(self) -> int:
         """Close the shutter, cancelled or not."""
-        with self._context.patience.deaf():
+        with self._deaf():
             return self.shutter.close()
+
+    @contextmanager
+    def _deaf(self) -> Iterator[None]:
+        """Devices are made safe, which hears no cancel; `deaf_since_s` tells."""
+        self.deaf_since_s = time.monotonic()
+        try:
+            with self._context.patience.deaf():
+                yield
+        finally:
+            self.deaf_since_s = None
 
     def refusal(self, frames: Frames) -> str | None:
         """Why the display takes no such frames, in words; None where it does. Asked of frames of

@@ -6,14 +6,17 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 from pdcd.bench.devices import Display, Shutter
 from pdcd.bench.patience import Patience
+from pdcd.errors import DeviceLost
 
 logger = logging.getLogger(__name__)
 
-_SAFE_TRIES = 3
-"""How often a device that fails is asked to go black or to close before it is given up."""
+_SAFE_TRIES, SAFE_S = 3, 10.0
+"""How often a device that fails is asked to go black or to close before it is given up, and for how
+long in all: a job ends in time, whatever its devices do."""
 
 
 def make_safe(display: Display, shutter: Shutter, patience: Patience) -> bool:
@@ -21,9 +24,8 @@ def make_safe(display: Display, shutter: Shutter, patience: Patience) -> bool:
 
     A device that fails is asked again; what cannot be made safe is logged as critical.
     """
-    with patience.deaf():
-        black = _insist("display", display.black)
-        return _insist("shutter", shutter.close) and black
+    black = _insist("display", display.black, patience)
+    return _insist("shutter", shutter.close, patience) and black
 
 
 def make_safe_beside(
@@ -34,8 +36,7 @@ def make_safe_beside(
     safe: list[bool] = []
 
     def insist(name: str, action: Callable[[], object]) -> None:
-        with patience.deaf():
-            safe.append(_insist(name, action))
+        safe.append(_insist(name, action, patience))
 
     asked = [
         threading.Thread(target=insist, args=args, daemon=True)
@@ -49,12 +50,31 @@ def make_safe_beside(
     return safe == [True, True]
 
 
-def _insist(name: str, action: Callable[[], object]) -> bool:
-    for left in range(_SAFE_TRIES - 1, -1, -1):
-        try:
-            action()
-            return True
-        except BaseException as err:  # one that ends programs opens no shutter
-            level = logging.WARNING if left else logging.CRITICAL
-            logger.log(level, "not safe device=%s error=%r tries_left=%d", name, err, left)
+def let_go(name: str, release: Callable[[], object], patience: Patience) -> None:
+    """Release a device, in as much time, hearing no cancel; one that fails is logged."""
+    try:
+        with patience.deaf(), _in_time(name, patience):
+            release()
+    except BaseException as err:
+        logger.warning("not released device=%s error=%r", name, err)
+
+
+def _insist(name: str, action: Callable[[], object], patience: Patience) -> bool:
+    with patience.deaf(), _in_time(name, patience):
+        for left in range(_SAFE_TRIES - 1, -1, -1):
+            try:
+                if left < _SAFE_TRIES - 1:
+                    patience.look()  # whether there is time for another try
+                action()
+                return True
+            except BaseException as err:  # one that ends programs opens no shutter
+                level = logging.WARNING if left else logging.CRITICAL
+                logger.log(level, "not safe device=%s error=%r tries_left=%d", name, err, left)
     return False
+
+
+def _in_time(name: str, patience: Patience) -> AbstractContextManager[None]:
+    def over() -> DeviceLost:
+        return DeviceLost(f"took longer than {SAFE_S:g} s", device=name, hint="see the log")
+
+    return patience.within(SAFE_S, over)

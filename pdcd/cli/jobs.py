@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from pdcd.api.progress import show_bar
+from pdcd.api.progress import show_bar, tell_user
 from pdcd.cli.daemon import connect_daemon
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_result, say_table
@@ -58,6 +58,9 @@ def cancel(args: argparse.Namespace) -> int:
                 raise ConfigError("nothing is running", hint="queued jobs are cancelled by name")
             job = running.job
         result = client.cancel(job)
+        if result.state == "running":
+            tell_user("; ".join(result.warnings))
+            result = client.wait(job)
     # The job's end is the news here, not a failure of this command.
     say_result(result, as_json=args.json)
     return DONE

@@ -71,6 +71,12 @@ class EngineLike(Protocol):
         time each. For any thread."""
         ...
 
+    @property
+    def deaf_s(self) -> float:
+        """For how long devices have kept a job waiting to be made safe; 0 while none does. For any
+        thread."""
+        ...
+
     def describe(self) -> RigView:
         """The rig as found."""
         ...

@@ -41,6 +41,13 @@ from pdcd.words import JobKind
 
 logger = logging.getLogger(__name__)
 
+_DEAF_S, _DEAF_LOOK_S = 0.5, 0.1
+"""How long who cancels a job waits for devices that do not let themselves be made safe."""
+_NOT_SAFE_YET = (
+    "a device does not let itself be made safe: until the job has ended, the panels may still be "
+    "lit, or the shutter open"
+)
+
 _PROCEED_LOOK_S = 0.1
 """Time between two looks whether a calibration that waits for somebody is to end."""
 
@@ -144,10 +151,19 @@ class Runner:
     async def cancel(self, name: str) -> CaptureResult:
         """End a job and return its result when it has ended; harmless on an ended one.
 
-        Raises RequestError for an unknown job.
+        Where a device takes long to be made safe, the answer is that the job still runs. Raises
+        RequestError for an unknown job.
         """
         job = self.table.get(name)
         self._cancel(job)
+        waiting = asyncio.ensure_future(job.ended.wait())
+        try:
+            while not job.ended.is_set():
+                await asyncio.wait([waiting], timeout=_DEAF_LOOK_S)
+                if self.table.running is job and self._engine.deaf_s > _DEAF_S:
+                    return CaptureResult(job=name, state="running", warnings=(_NOT_SAFE_YET,))
+        finally:
+            waiting.cancel()
         return await self.wait(name)
 
     def proceed(self, name: str) -> Job:

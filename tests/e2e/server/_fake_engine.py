@@ -65,6 +65,8 @@ class FakeEngine:
     def stop(self) -> None:
         self._note("stop")
 
+    deaf_s = 0.0
+
     def break_off(self) -> None:
         """Nothing here waits for a device."""
 

@@ -8,22 +8,24 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from drivers.ptp.codes import Operation, ResponseCode
+from drivers.ptp.eos import EosCamera
 from drivers.ptp.events import ObjectAdded, PropValue, pack_events
 from drivers.virtual_camera import FaultScript
 from drivers.virtual_camera.reply import CameraReply
-from pdcd.errors import Cancelled, DeviceLost, ExposureError
+from pdcd.capture.safety import let_go, make_safe
+from pdcd.errors import Cancelled, DeviceLost, ExposureError, PdcdError
 from pdcd.sensor.profile import load_profile
+from tests.hostile.camera import BUSY, MOODS, MUTE, HostileBody, HostileUsb
 from tests.ptp_rig import SETTINGS, PtpRig
 
 GET_EVENT, READ = Operation.EOS_GET_EVENT, Operation.GET_PARTIAL_OBJECT
 SECOND_NS = 1_000_000_000
-MUTE = CameraReply(fault="mute")
-BUSY = CameraReply(ResponseCode.DEVICE_BUSY)
 
 
 def answer_always(rig: PtpRig, reply: CameraReply) -> None:
@@ -181,6 +183,75 @@ def test_closing_hears_no_cancel() -> None:
     with rig.context.patience.deaf():
         rig.shutter.close()
     assert not rig.body.shutter.is_open
+
+
+class Dark:
+    """Panels that are black."""
+
+    def black(self) -> None:
+        pass
+
+
+def open_hostile(release: str = "auto") -> tuple[PtpRig, HostileBody, HostileUsb]:
+    """A rig whose shutter is open."""
+    rig = PtpRig(body=HostileBody, usb=HostileUsb, camera={"release": release})
+    rig.connect()
+    rig.readout.arm(SETTINGS)
+    rig.shutter.open()
+    assert isinstance(rig.body, HostileBody) and isinstance(rig.usb, HostileUsb)
+    return rig, rig.body, rig.usb
+
+
+@pytest.mark.parametrize("late_s", [3.0, 7.5, 30.0])
+@pytest.mark.parametrize("mood", sorted(MOODS))
+def test_all_tries_to_close_share_one_deadline(mood: str, late_s: float) -> None:
+    rig, body, usb = open_hostile()
+    body.mood, usb.late_s = mood, late_s
+    if mood in ("busy", "refuses"):  # and does not even close
+        refused = BUSY if mood == "busy" else CameraReply(ResponseCode.GENERAL_ERROR)
+        answer_always(rig, refused)
+    begun_ns = rig.clock.now_ns()
+    with suppress(PdcdError):
+        rig.shutter.close()
+    safe = make_safe(Dark(), rig.shutter, rig.context.patience)  # type: ignore[arg-type]
+    assert rig.clock.now_ns() - begun_ns < 14.0 * SECOND_NS
+    assert safe == (rig.camera.bulb.since_ns is None)
+    assert not (safe and body.shutter.is_open)
+    vars(body).pop("transact", None)
+    body.mood = "honest"
+    if not safe:  # nobody else tries
+        with suppress(ExposureError):
+            rig.camera.tick()
+        assert rig.camera.bulb.since_ns is None
+        with pytest.raises(ExposureError, match="the camera closed late"):
+            rig.shutter.close()
+    assert not body.shutter.is_open
+
+
+@pytest.mark.parametrize("mood", sorted(MOODS))
+def test_a_rig_is_let_go_in_time(mood: str) -> None:
+    rig, body, usb = open_hostile()
+    body.mood, usb.late_s = mood, 7.5
+    begun_ns = rig.clock.now_ns()
+    for device in (rig.readout, rig.shutter):
+        let_go("device", device.disconnect, rig.context.patience)
+    assert rig.clock.now_ns() - begun_ns < 20.0 * SECOND_NS
+    assert usb._claimed_by is None and rig.camera._alive is None
+
+
+@pytest.mark.parametrize("mood", ["drips", "long lists", "4 GiB", "a byte at a time"])
+def test_a_guardian_closes_first_and_hears_settings_later(mood: str) -> None:
+    """The program that opened it is gone. A camera that does not even greet cannot be closed."""
+    rig, body, usb = open_hostile()
+    usb._claimed_by = None
+    body.mood, usb.late_s = mood, 7.5
+    camera = EosCamera(rig.camera.options, rig.clock, usb, 60.0)
+    begun_ns = rig.clock.now_ns()
+    with suppress(PdcdError):
+        camera.open("guardian")
+    camera.let_go("guardian")
+    assert not body.shutter.is_open
+    assert rig.clock.now_ns() - begun_ns < 60.0 * SECOND_NS
 
 
 def test_the_thread_that_keeps_the_camera_awake_gives_way() -> None:

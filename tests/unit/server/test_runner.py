@@ -38,6 +38,7 @@ class Engine:
         self.asked: list[dict[str, Any]] = []
         self.shown: list[tuple[str, int]] = []
         self.refuses: PdcdError | None = None
+        self.deaf_s = 0.0
         self.act: Callable[..., Any] = lambda **given: self.done(**given)
 
     def done(self, *, job: str, **_: Any) -> CaptureResult:
@@ -267,6 +268,31 @@ async def test_a_capture_gets_its_arrays_and_its_place_which_is_let_go_of_at_its
     assert asked["given"] is given and asked["parent"] is place and asked["report"] is True
     assert {"emit", "cancelled"} < asked.keys()
     assert place.closed == 1 and not job.given
+
+
+@at_desk
+async def test_a_cancel_is_answered_while_a_device_does_not_let_itself_be_made_safe(
+    desk: Desk,
+) -> None:
+    closed = threading.Event()
+
+    def drawn_out(*, cancelled: Callable[[], bool], **_: Any) -> Any:
+        while not cancelled():
+            threading.Event().wait(0.001)
+        desk.engine.deaf_s = 60.0
+        assert closed.wait(LONG_S)
+        desk.engine.deaf_s = 0.0
+        raise Cancelled("cancelled")
+
+    desk.engine.act = drawn_out
+    job, waits = desk.start(), desk.start(queue=True)
+    told = await desk.runner.cancel(job.name)
+    assert told.state == "running" and "until the job has ended" in told.warnings[0]
+    assert desk.of(job) == ["queued"] and not job.ended.is_set()
+    assert (await desk.runner.cancel(waits.name)).state == "cancelled"  # it has no device
+    closed.set()
+    assert (await desk.runner.wait(job.name)).state == "cancelled"
+    assert (await desk.runner.cancel(job.name)).state == "cancelled"
 
 
 @at_desk
