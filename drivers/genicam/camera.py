@@ -227,6 +227,11 @@ class GenicamCamera:
             return now_ns
         exposure.closed = True
         exposure.late_s = 1e-9 * (now_ns - exposure.ends_ns)
+        if exposure.late_s < -exposure.spare_s - _EARLY_S:
+            exposure.aborted = True
+            with self._trusted():
+                self.device.abort()
+            return self.clock.now_ns()
         if self.options.exposure == "edge":
             # Nobody knows when it began: its frame tells that it is over.
             with self._trusted():
@@ -234,11 +239,6 @@ class GenicamCamera:
                     exposure.came = self._frames.wait(exposure.time_s + self.options.wait_s)
                 except PhotoError as err:
                     exposure.came = err
-            return self.clock.now_ns()
-        if exposure.late_s < -exposure.spare_s - _EARLY_S:
-            exposure.aborted = True
-            with self._trusted():
-                self.device.abort()
             return self.clock.now_ns()
         return self._outlive(exposure)
 

@@ -20,6 +20,8 @@ _SLICE_S = 0.1
 """So long a call waits within the library before it looks about."""
 _ASK_S = 1.5
 """After so long without a frame the camera is asked whether it is still there."""
+_MOST_STRAY = 100
+"""Frames that are thrown away before the camera is said to go on by itself."""
 _LAST_ID = 65535
 """After which numbers of GigE Vision begin again."""
 
@@ -35,9 +37,18 @@ class FrameReceiver:
     def forget(self, wait_s: float = 0.0) -> None:
         """Throw away what came of earlier exposures, and what comes until nothing does for so
         long."""
-        while (buffer := self._device.pop(wait_s)) is not None:
+        for _ in range(_MOST_STRAY):
+            self._patience.look()
+            buffer = self._device.pop(wait_s)
+            if buffer is None:
+                return
             self._last_id = None if buffer.status else buffer.frame_id
             logger.warning("frame of an earlier exposure thrown away id=%d", buffer.frame_id)
+        raise ExposureError(
+            "frames come that nobody asked for, without end",
+            device=CAMERA_DEVICE,
+            hint="see that no other program or line triggers the camera",
+        )
 
     def wait(self, longest_s: float) -> RawBuffer:
         """The frame that is due, whole, and no other.

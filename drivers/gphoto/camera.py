@@ -52,7 +52,9 @@ _LATE_S = 0.3
 """How long a second file of the same exposure is listened for."""
 _WHOLE_S = 1.0
 """What a photo that was told of in time gets beyond it to be whole."""
-_DRAIN_S = 5.0
+_DRAIN_S, _ARM_S = 5.0, 120.0
+"""How long events are read, and how long all may take until the camera is ready for a photo, beside
+the wait for one that is yet to come."""
 _STRAY_S = 15.0
 """How long after an exposure, or after its photo was given up, that may come, beside the length of
 the exposure once more, which noise reduction takes."""
@@ -222,6 +224,21 @@ class GphotoReadout:
         session, armed_ns, self._armed_ns = self._session, self._armed_ns, None
         if armed_ns is not None and not session.releases:
             self._give_up(armed_ns)  # a cable release tells nobody what it did
+        due_s = ((session.photo_due_ns or 0) - self._clock.now_ns()) * 1e-9
+
+        def too_slow() -> PdcdError:
+            return DeviceLost(
+                "did not get ready for a photo in time",
+                device="camera",
+                hint="switch it off and on; empty its card",
+            )
+
+        with session.patience.within(_ARM_S + max(0.0, due_s), too_slow):
+            self._arm(settings)
+        self._armed_ns = self._clock.now_ns()
+
+    def _arm(self, settings: CameraSettings) -> None:
+        session = self._session
         if not session.is_open:
             self.connect()  # it was lost since
         if settings.iso not in self._isos:
@@ -243,7 +260,6 @@ class GphotoReadout:
         session.prefer("shutterspeed", "bulb")  # also for a shutter on a cable
         session.prefer("imageformat", "RAW")
         self._clear()
-        self._armed_ns = self._clock.now_ns()
 
     def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
         """Wait for the RAW file and store it; JPEGs beside it are thrown away.
@@ -384,7 +400,8 @@ def _close_forgotten(session: GphotoSession) -> None:
     """End the exposure of a shutter that nobody holds any more, where nobody can be told."""
     if session.shutter_open and session.is_open:
         try:
-            session.set("bulb", 0)
+            with session.patience.deaf():
+                session.set("bulb", 0)
         except PdcdError as err:
             logger.critical("shutter may be open device=shutter error=%s", err)
         else:

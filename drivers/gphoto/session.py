@@ -196,7 +196,6 @@ class GphotoSession:
 
     def next_file(self, wait_s: float) -> CameraFile | None:
         """The next picture the camera tells of, None if there is none within the time."""
-        self.patience.look()
         with self.errors("ask for events"):
             kind, data = self._opened().wait_for_event(max(1, round(wait_s * 1e3)))
         if kind == gp.GP_EVENT_FILE_ADDED:
@@ -208,7 +207,6 @@ class GphotoSession:
         files: list[CameraFile] = []
         until_ns = self._clock.now_ns() + round(limit_s * 1e9)
         while self._clock.now_ns() < until_ns:
-            self.patience.look()
             with self.errors("ask for events"):
                 kind, data = self._opened().wait_for_event(_QUIET_MS)
             if kind == gp.GP_EVENT_FILE_ADDED:
@@ -222,7 +220,6 @@ class GphotoSession:
 
         Raises ExposureError for one that says it has more than `most_bytes`.
         """
-        self.patience.look()
         with self.errors(f"download {file.name}"):
             size_bytes = self._size_bytes(file)
             if size_bytes > most_bytes:
@@ -240,7 +237,6 @@ class GphotoSession:
 
     def see(self) -> bytes:
         """A picture of the camera's finder, as it sends it."""
-        self.patience.look()
         with self.errors("see through its finder"):
             return bytes(memoryview(self._opened().capture_preview().get_data_and_size()))
 
@@ -265,7 +261,8 @@ class GphotoSession:
     @contextmanager
     def errors(self, doing: str) -> Iterator[None]:
         """Turn libgphoto2's errors into DeviceLost with a hint. A camera that is lost is let go, so
-        that `open` can find it again."""
+        that `open` can find it again. Before each call it is looked who still waits."""
+        self.patience.look()
         self.patience.acquire(self._lock)
         try:
             yield

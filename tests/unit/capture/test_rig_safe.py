@@ -19,6 +19,7 @@ from msgspec import structs
 from pdcd.bench.devices import CameraSettings, RawFile
 from pdcd.bench.tables import CameraConfig, DisplayConfig, PanelConfig, RigConfig
 from pdcd.capture.rig import Rig, RigExposure
+from pdcd.capture.safety import SAFE_S
 from pdcd.codes.make import make_codes
 from pdcd.errors import DeviceLost, ExposureError, SyncError
 from pdcd.panels.frames import Frames
@@ -111,6 +112,41 @@ def test_a_device_that_fails_twice_is_asked_again(
     assert rig.make_safe()
     assert asked.calls == 3
     assert bench.panels_black and not bench.shutter_open
+
+
+def test_a_device_that_fails_slowly_is_asked_no_more_once_its_time_is_over(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All tries share one deadline, and no device takes time from another."""
+    asked: list[str] = []
+
+    def slow(name: str, seconds: float) -> Callable[[], None]:
+        def fail() -> None:
+            asked.append(name)
+            rig.clock.sleep_until_ns(rig.clock.now_ns() + round(seconds * 1e9))
+            raise DeviceLost("silent", device=name)
+
+        return fail
+
+    monkeypatch.setattr(rig.display, "black", slow("display", 6.0))
+    monkeypatch.setattr(rig.shutter, "close", slow("shutter", 20.0))
+    assert not rig.make_safe() and rig.deaf_since_s is None
+    assert asked == ["display", "display", "shutter"]
+    monkeypatch.undo()
+
+
+def test_a_driver_that_waits_with_patience_is_released_in_time(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    released: list[str] = []
+    patience = rig.context.patience
+    monkeypatch.setattr(rig.readout, "disconnect", lambda: patience.sleep(1e6))
+    monkeypatch.setattr(rig.display, "disconnect", lambda: released.append("display"))
+    before_ns = rig.clock.now_ns()
+    rig.disconnect()
+    assert released == ["display"]
+    assert rig.clock.now_ns() - before_ns < (SAFE_S + 1.0) * 1e9
+    monkeypatch.undo()
 
 
 def test_panels_go_black_before_the_shutter_closes(

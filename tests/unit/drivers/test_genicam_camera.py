@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -188,6 +190,25 @@ def test_frames_are_counted(last: int | None, came: int, right: bool) -> None:
     assert frames.check(buffer) is buffer  # and nobody knows which is due
 
 
+def test_a_camera_that_goes_on_by_itself_is_not_waited_for() -> None:
+    """It never is quiet; who cancels is heard all the same."""
+    asked: list[float] = []
+
+    def pop(wait_s: float) -> RawBuffer:
+        asked.append(wait_s)
+        return RawBuffer(0, len(asked), 0, 1, 1, 0, b"")
+
+    device: Any = SimpleNamespace(pop=pop)
+    with pytest.raises(ExposureError, match="frames come that nobody asked for"):
+        FrameReceiver(device, Patience(VirtualClock())).forget(0.3)
+    assert len(asked) == 100
+    asked.clear()
+    heard = Patience(VirtualClock(), cancelled=lambda: len(asked) > 1)
+    with pytest.raises(Cancelled):
+        FrameReceiver(device, heard).forget(0.3)
+    assert len(asked) == 2
+
+
 def test_panels_that_outlast_the_exposure_make_it_a_lost_one() -> None:
     film, clock = Sheets(), VirtualClock()
     with hosted("Mono8", film=film, clock=clock):
@@ -333,6 +354,16 @@ def test_an_edge_starts_the_exposure() -> None:
         camera.end()  # no edge came
         with pytest.raises(PhotoError, match="no frame"):
             camera.fetch(60.0)
+        camera.arm(SETTINGS)
+        camera.expect(30.0)
+        begun_s = time.monotonic()
+        camera.begin()
+        virtual.hold_line(False)
+        virtual.hold_line(True)
+        camera.end()  # long before its time
+        with pytest.raises(PhotoError, match="given up before its time"):
+            camera.fetch(60.0)
+        assert time.monotonic() - begun_s < 30.0
         camera.close("readout")
 
 

@@ -7,11 +7,15 @@ import pytest
 pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: see .venv/gphoto2.log")
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import gphoto2 as gp
 
+from drivers.gphoto.camera import _close_forgotten
 from drivers.gphoto.guardian import close_bulb
 from pdcd.bench.devices import CameraSettings
+from pdcd.capture.safety import make_safe
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, ExposureError
 from tests.fake_gphoto import Setting, failure
 from tests.gphoto_bench import MS, Bench, Camera
@@ -71,6 +75,50 @@ def test_a_photo_that_comes_when_it_was_given_up_is_never_taken_for_another(
     bench.shutter.close()
     bench.camera.later(1.0, "next.cr2", bench.raw)
     assert bench.readout.fetch(bench.root, "two", 60.0).path.read_bytes() == bench.raw
+
+
+def test_pictures_without_end_do_not_keep_a_photo_from_being_given_up(bench: Bench) -> None:
+    """Each is thrown away, and takes a second."""
+    bench.readout.connect()
+    get = bench.camera.file_get
+
+    def slow(*given: Any) -> None:
+        bench.clock.sleep_until_ns(bench.clock.now_ns() + 1000 * MS)
+        get(*given)
+
+    bench.camera.file_get = slow  # type: ignore[method-assign]
+    for number in range(1000):
+        bench.camera.add(f"{number}.jpg", b"x")
+    begun_ns = bench.clock.now_ns()
+    with pytest.raises(DeviceLost, match="get ready for a photo in time"):
+        bench.readout.arm(SETTINGS)
+    assert bench.clock.now_ns() - begun_ns < 122_000 * MS
+
+
+def test_a_camera_that_is_silent_is_asked_to_close_once_in_its_time(bench: Bench) -> None:
+    """Each call takes libgphoto2's whole time-out, in which nothing can be heard."""
+    bench.shutter.connect()
+    bench.shutter.open()
+    asked = 0
+
+    def silent(name: str) -> Setting:
+        nonlocal asked
+        asked += 1
+        bench.clock.sleep_until_ns(bench.clock.now_ns() + 20_000 * MS)
+        raise failure(gp.GP_ERROR_TIMEOUT)
+
+    bench.camera.get_single_config = silent  # type: ignore[method-assign]
+    patience = bench.session.patience
+    assert not make_safe(SimpleNamespace(black=lambda: None), bench.shutter, patience)  # type: ignore[arg-type]
+    assert asked == 1 and bench.session.shutter_open
+
+
+def test_a_shutter_that_is_forgotten_after_a_cancel_is_closed(bench: Bench) -> None:
+    bench.shutter.connect()
+    bench.shutter.open()
+    bench.cancelled = True
+    _close_forgotten(bench.session)
+    assert bench.camera.settings["bulb"].value == 0
 
 
 def test_a_camera_that_was_switched_off_owes_nothing(

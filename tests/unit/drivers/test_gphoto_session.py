@@ -121,6 +121,7 @@ def test_a_picture_is_waited_for_in_whole_milliseconds(
     bench: Bench, wait_s: float, ms: int
 ) -> None:
     bench.session.open("a")
+    bench.signs = 0
     assert bench.session.next_file(wait_s) is None
     assert (bench.camera.waits_ms, bench.signs) == ([ms], 1)
     bench.camera.add("a.cr2", b"x")
@@ -134,7 +135,7 @@ def test_all_that_waits_is_heard_until_the_camera_is_quiet(bench: Bench) -> None
     bench.camera.add("a.cr2", b"x")
     bench.camera.events.append((gp.GP_EVENT_CAPTURE_COMPLETE, None))
     bench.camera.add("b.cr2", b"x")
-    before_ns = bench.clock.now_ns()
+    before_ns, bench.signs = bench.clock.now_ns(), 0
     found = bench.session.drain(5.0)
     assert found == [CameraFile("/", "a.cr2"), CameraFile("/", "b.cr2")]
     assert bench.camera.waits_ms == [50] * 4 and bench.signs == 4
@@ -143,7 +144,7 @@ def test_all_that_waits_is_heard_until_the_camera_is_quiet(bench: Bench) -> None
 
 def test_a_download_is_a_sign_of_life(bench: Bench) -> None:
     bench.session.open("a")
-    bench.camera.files["a.cr2"] = b"abc"
+    bench.camera.files["a.cr2"], bench.signs = b"abc", 0
     assert bench.session.download(CameraFile("/store", "a.cr2"), 3) == b"abc"
     assert bench.signs == 1
     bench.camera.broken = failure(gp.GP_ERROR_IO)
