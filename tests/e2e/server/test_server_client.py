@@ -106,8 +106,12 @@ def test_an_interrupt_cancels_the_capture_and_yields_its_result(tmp_path: Path) 
         assert client.status().state == "idle"
 
 
-def test_an_interrupt_before_the_answer_that_names_the_job_cancels_it_too(tmp_path: Path) -> None:
-    """The shutter may open before the answer to capture.start is out."""
+@pytest.mark.parametrize("drawn_out", [False, True])
+def test_an_interrupt_before_the_answer_that_names_the_job_cancels_it_too(
+    tmp_path: Path, drawn_out: bool
+) -> None:
+    """The shutter may open before the answer to capture.start is out; a device may take long to be
+    made safe, and then the end is waited for."""
     asked: list[tuple[str, Any]] = []
 
     def serve(connection: socket.socket) -> None:
@@ -118,7 +122,8 @@ def test_an_interrupt_before_the_answer_that_names_the_job_cancels_it_too(tmp_pa
         answers: dict[str, Any] = {
             "events.subscribe": {},
             "capture.start": {"job": "j", "state": "running"},
-            "capture.cancel": {"job": "j", "state": "cancelled"},
+            "capture.cancel": {"job": "j", "state": "running" if drawn_out else "cancelled"},
+            "capture.wait": {"job": "j", "state": "cancelled"},
         }
         with connection, connection.makefile("rwb") as lines:
 
@@ -143,6 +148,7 @@ def test_an_interrupt_before_the_answer_that_names_the_job_cancels_it_too(tmp_pa
         ("events.subscribe", None),
         ("capture.start", None),
         ("capture.cancel", "j"),
+        *[("capture.wait", "j")] * drawn_out,
     ]
 
 

@@ -93,6 +93,8 @@ class StubClient:
     result: CaptureResult = DONE
     error: BaseException | None = None
     absent = False
+    drawn_out = False
+    """Whether devices take long to be made safe."""
     config = Config()
     status_answer: Status = STATUS
     asked: list[Any]
@@ -127,13 +129,16 @@ class StubClient:
             on_event(event)
         return self._answer(wanted, detach, queue, *[dict(arrays)] * bool(arrays))
 
-    def wait(self, job: str, on_event: EventHandler) -> CaptureResult:
+    def wait(self, job: str, on_event: EventHandler = lambda _: None) -> CaptureResult:
         for event in EVENTS:
             on_event(event)
         return self._answer(job)
 
     def cancel(self, job: str) -> CaptureResult:
-        return self._answer("cancel", job)
+        result = self._answer("cancel", job)
+        if self.drawn_out:
+            return CaptureResult(job=job, state="running", warnings=("a device takes long",))
+        return result
 
     def plan(
         self, wanted: CaptureRequest, *, arrays: Mapping[str, Path], queue: bool = False

@@ -200,6 +200,16 @@ def test_cancel_ends_the_named_or_the_running_job(
     assert "nothing is running" in capsys.readouterr().err
 
 
+def test_cancel_waits_for_devices_that_take_long_and_says_so(
+    daemon: type[StubClient], capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon.result, daemon.drawn_out = ended("cancelled", "cancelled"), True
+    assert main(["cancel", JOB]) == 0
+    assert daemon.asked[-3:] == [("cancel", JOB), (JOB,), "closed"]
+    told = capsys.readouterr()
+    assert "a device takes long" in told.err and "cancelled" in told.out
+
+
 def test_drivers(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     rows = [
         {"role": "display", "name": "a", "origin": "pdcd", "target": "m:C", "maturity": "beta",
