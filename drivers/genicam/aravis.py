@@ -9,14 +9,16 @@ from __future__ import annotations
 import contextlib
 import ctypes
 from collections.abc import Iterator
-from ctypes import POINTER, byref, c_double, c_int64, c_size_t, c_uint, c_uint64
+from ctypes import POINTER, byref, c_double, c_int64, c_size_t, c_uint, c_uint32, c_uint64
 from dataclasses import dataclass
 from typing import Any
 
 from .library import AravisLibrary, GError, load_library
 
-WRONG_FEATURE, TIMEOUT, NOT_FOUND = 0, 5, 6
+WRONG_FEATURE, NOT_FOUND = 0, 6
 """Codes of the domain `DEVICE_DOMAIN`."""
+_LOST = (2, 4, 5, NOT_FOUND, 10)
+"""Not connected, a transfer that failed, timeout, not found, no longer its controller."""
 DEVICE_DOMAIN = "arv-device-error-quark"
 
 STATUS_WORDS = {
@@ -37,6 +39,8 @@ _PACKET_SOCKET_DISABLED = 1
 _CHECK = 1  # ArvAccessCheckPolicy and ArvRangeCheckPolicy: enabled
 _SOCKET_BUFFER_FIXED, _RESEND_NEVER, _RESEND_ALWAYS = 0, 0, 1
 _SOCKET_BYTES = 8 * 2**20
+_PRIVILEGE, _CONTROLLED = 0xA00, 0b11
+"""Register of GigE Vision that says whether somebody controls the camera, and bits that do."""
 
 
 class AravisError(Exception):
@@ -50,7 +54,7 @@ class AravisError(Exception):
     @property
     def lost(self) -> bool:
         """Whether the camera did not answer, rather than refuse."""
-        return self.domain == DEVICE_DOMAIN and self.code in (TIMEOUT, NOT_FOUND)
+        return self.domain == DEVICE_DOMAIN and self.code in _LOST
 
     @property
     def other_kind(self) -> bool:
@@ -133,6 +137,15 @@ class AravisCamera:
         """Whether it is controlled from here, and still is. A camera on a network may be open
         without that; its heartbeat, once a second, tells when control was lost."""
         return not self.on_network or bool(self._arv.arv_gv_device_is_controller(self._device))
+
+    def ask_ours(self) -> bool:
+        """The same, and the camera itself is asked: one that was restarted knows of nobody, before
+        a heartbeat tells."""
+        if not self.on_network:
+            return True
+        found = c_uint32()
+        self._checked("arv_device_read_register", _PRIVILEGE, byref(found))
+        return self.ours and bool(found.value & _CONTROLLED)
 
     def has(self, feature: str) -> bool:
         """Whether the feature exists and is available now."""

@@ -9,6 +9,7 @@ whose frame did not come whole, and both are taken again by whoever takes photos
 from __future__ import annotations
 
 import threading
+import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 from pdcd.driver import (
     CameraSettings,
     Clock,
+    ConfigError,
     DeviceLost,
     DriverContext,
     ExposureError,
@@ -44,6 +46,10 @@ _EARLY_S = 0.25
 _STRAY_S = 0.3
 """After an exposure that was given up it must be quiet for so long: its frame may be on its way."""
 _BLACK_TRIES = 3
+_BACK_S, _LOOK_BACK_S = 3.5, 0.1
+"""So long a camera that was lost is looked for anew before an exposure, and each look may take
+letting the old one go (1 s) and a command that is not answered (2.5 s, 5 beside a heartbeat): a job
+without its camera ends within ten."""
 
 
 @dataclass
@@ -76,7 +82,7 @@ class GenicamCamera:
     """A camera by its options, open while a shutter or a readout needs it.
 
     A camera that was lost is trusted no more, though it may seem to answer: it is opened anew by
-    the next `open` or `arm`.
+    the next `open`, and by the next `arm`, which waits for one that is about to come back.
     """
 
     def __init__(
@@ -109,6 +115,7 @@ class GenicamCamera:
         """Whether a frame came since the camera was opened. Of a network the library makes room for
         frames when the first one comes, which is too late for that one where it is large."""
         self._let_go: Callable[[], object] = lambda: None
+        self._identity: dict[str, str] = {}
 
     @classmethod
     def of(cls, context: DriverContext) -> GenicamCamera:
@@ -141,13 +148,27 @@ class GenicamCamera:
             self._drop()
         if self._device is None:
             self._patience.look()
-            self._device = GenicamDevice(self.options)
-            self._let_go = weakref.finalize(self, self._device.close)
+            self._device = device = GenicamDevice(self.options)
+            self._let_go = weakref.finalize(self, device.close)
             self._exposure = self._time = None
-            self._frames = FrameReceiver(self._device, self._patience)
             self._primed = False
+            self._black.clear()
+            self._frames = FrameReceiver(device, self._patience)
+            with self._trusted():
+                self._check_same(device)
         self._users.add(user)
         return self._device
+
+    def _check_same(self, device: GenicamDevice) -> None:
+        """Raise DeviceLost for another camera than whoever uses it knows of."""
+        found = device.identity
+        if self._users and found != self._identity:
+            raise DeviceLost(
+                f"another camera answers: {' '.join(found.values())}",
+                device=CAMERA_DEVICE,
+                hint="connect the one that was there, or start again",
+            )
+        self._identity = found
 
     def close(self, user: str) -> None:
         """That user is done; after the last one the camera is let go. Idempotent."""
@@ -159,11 +180,29 @@ class GenicamCamera:
     def arm(self, settings: CameraSettings) -> None:
         """Set gain and exposure; know what black is; forget frames of earlier exposures.
 
-        Raises ConfigError for an ISO or a time that the camera does not offer.
+        Nothing is exposed yet, so that one that was lost since is looked for, and opened anew.
+        Raises ConfigError for an ISO or a time that the camera does not offer, DeviceLost where it
+        does not come back.
         """
         self._settings = None
-        device = self.open("readout")
+        until_s, pause = time.monotonic() + _BACK_S, threading.Event()
+        while True:
+            try:
+                self._arm(settings)
+            except DeviceLost:
+                if time.monotonic() > until_s:
+                    raise
+                pause.wait(_LOOK_BACK_S)
+                self._patience.look()
+            else:
+                self._settings = settings
+                return
+
+    def _arm(self, settings: CameraSettings) -> None:
         with self._trusted():
+            device = self.open("readout")
+            if not device.ask_ours():
+                device = self.open("readout")
             if self._owes_frame or (self._exposure is not None and not self._exposure.closed):
                 device.abort()
                 self._await_ready(device)
@@ -174,7 +213,6 @@ class GenicamCamera:
                 self._black[settings.iso] = self._find_black()
             self._plan(settings.exposure_s)
             self._frames.forget()
-        self._settings = settings
 
     def expect(self, exposure_s: float) -> None:
         """The next exposure is planned to be so long. Raises ConfigError where it cannot be."""
@@ -393,6 +431,10 @@ class GenicamCamera:
         except DeviceLost:
             if self._device is not None:
                 self._device.distrusted = True
+            raise
+        except ConfigError:
+            if self._device is not None:
+                self._device.check_ours()  # one that was restarted refuses, too
             raise
 
     def _drop(self) -> None:

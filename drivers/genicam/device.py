@@ -6,13 +6,14 @@ switched off, as far as the camera has it.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import partial
 
-from pdcd.driver import ConfigError, DeviceLost
+from pdcd.driver import ConfigError, DeviceLost, PhotoError
 
 from .aravis import AravisCamera, AravisError, FoundCamera, RawBuffer, list_cameras
 from .levels import SampleLevels
@@ -25,6 +26,8 @@ CAMERA_DEVICE = "camera"
 _DOCTOR = "pdcd doctor camera says what was found"
 _PLUG = "check power and cable; pdcd doctor camera says what answers"
 _BUFFERS = 4
+_LET_GO_S = 1.0
+"""So long letting go of a camera that is gone is waited for; Aravis takes ten."""
 _WORD_BITS = 16
 _BASE_ISO = 100
 _GAIN_TOLERANCE_DB, _FACTOR_TOLERANCE = 0.05, 0.01
@@ -68,7 +71,7 @@ _GAINS = ("Gain", "GainAbs")
 _SELECTORS = ("FrameStart", "FrameBurstStart", "AcquisitionStart")
 
 
-@contextmanager
+@contextlib.contextmanager
 def report_errors(doing: str) -> Iterator[None]:
     """Turn what the library reports into DeviceLost where the camera did not answer, and into
     ConfigError where it refused. `doing` says what it was asked for."""
@@ -132,14 +135,22 @@ class GenicamDevice:
         try:
             self._check_ours(identifier)
             self._set_up()
-        except BaseException:
-            self._camera.close()
+        except BaseException as err:
+            self.distrusted = isinstance(err, DeviceLost)
+            self.close()
             raise
 
     @property
     def lost(self) -> bool:
         """Whether it did not answer once, or is no longer controlled from here."""
         return self.distrusted or not self._camera.ours
+
+    def ask_ours(self) -> bool:
+        """Whether it still knows that it is controlled from here, as one that was restarted does
+        not; that one is trusted no more."""
+        with report_errors("who controls it"):
+            self.distrusted = self.distrusted or not self._camera.ask_ours()
+        return not self.distrusted
 
     @property
     def identity(self) -> dict[str, str]:
@@ -152,6 +163,12 @@ class GenicamDevice:
         }
         found = {what: self._first_text(features) for what, features in names.items()}
         return {what: text for what, text in found.items() if text}
+
+    @property
+    def frame_quads(self) -> tuple[int, int]:
+        """Width and height of its pictures in quads of its mosaic; pixels where it has none."""
+        side = 1 if self.pixel_format.cfa is None else 2
+        return self.size[0] // side, self.size[1] // side
 
     @property
     def isos(self) -> tuple[int, ...]:
@@ -260,7 +277,9 @@ class GenicamDevice:
             self._camera.start()
 
     def record(self) -> dict[str, str]:
-        """What the camera says of itself at a photo, in its own words. Proves that it answers."""
+        """What the camera says of itself at a photo, in its own words.
+
+        Proves that it answers, and is set as it was: raises PhotoError where it was restarted."""
         found = {"PixelFormat": self.pixel_format.name, **self.levels.words}
         with report_errors("its record"):
             for feature in (self._time, self._gain, "BlackLevel", "DeviceTemperature"):
@@ -272,7 +291,17 @@ class GenicamDevice:
                     if err.lost:
                         raise
                     logger.info("not told feature=%s error=%s", feature, err)
+        self.check_ours()
         return found
+
+    def check_ours(self) -> None:
+        """Raise PhotoError where it does not know that it is controlled from here."""
+        if not self.ask_ours():
+            raise PhotoError(
+                "the camera was restarted, or another program has taken it",
+                device=CAMERA_DEVICE,
+                hint="take it again",
+            )
 
     def statistics(self) -> tuple[int, int, int]:
         """Frames that came whole, that failed, and that found no buffer."""
@@ -283,13 +312,18 @@ class GenicamDevice:
         return self._camera.pop(wait_s)
 
     def close(self) -> None:
-        """Let the camera go. Idempotent, and never fails."""
-        if not self.lost:
-            try:
+        """Let the camera go. Idempotent, and never fails; one that does not answer is let go by a
+        thread, which is not waited for to its end."""
+        gone, self.distrusted = self.lost, True
+        if not gone:
+            with contextlib.suppress(AravisError):
                 self._camera.stop()
-            except AravisError:
-                self.distrusted = True
-        self._camera.close()
+                self._camera.close()
+                return
+        with contextlib.suppress(RuntimeError):  # no thread begins while the process ends
+            ending = threading.Thread(target=self._camera.close, daemon=True)
+            ending.start()
+            ending.join(_LET_GO_S)
 
     def _try(self, feature: str, action: Callable[[], None]) -> None:
         """Set a feature where there is one; a refusal is noted, a camera that is lost raises."""

@@ -6,7 +6,7 @@ Nothing is exposed. A camera that a running daemon holds is named as that.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from pdcd.driver import DriverContext, Finding, PdcdError, fault
@@ -14,7 +14,7 @@ from pdcd.driver import DriverContext, Finding, PdcdError, fault
 from .aravis import list_cameras
 from .device import CAMERA_DEVICE, GenicamDevice, describe_camera
 from .library import load_library
-from .options import read_genicam_options
+from .options import GenicamOptions, read_genicam_options
 
 _SEE = "see docs/genicam.md"
 _FRAMES = 4
@@ -25,33 +25,38 @@ _RMEM = Path("/proc/sys/net/core/rmem_max")
 _USBFS = Path("/sys/module/usbcore/parameters/usbfs_memory_mb")
 
 
-def examine_genicam(context: DriverContext) -> Iterator[Finding]:
+def examine_genicam(
+    context: DriverContext, options: GenicamOptions | None = None
+) -> Generator[Finding, None, tuple[int, int] | None]:
     """Yield everything that can be found out, down to the first thing that fails: the library, the
     cameras that answer, the one of the configuration with its settings, and what lies between.
 
+    options : None: those of the configuration. Returns the frame in quads, where it came to that.
     Raises nothing of its own: what fails is a finding.
     """
     try:
         library = load_library()
     except ModuleNotFoundError as err:
         yield Finding("Aravis", "fault", f"{err}", f"install it; {_SEE}")
-        return
+        return None
     yield Finding("Aravis", "good", f"{library.version} ({library.path})")
     try:
-        options = read_genicam_options(context.config)
+        options = options or read_genicam_options(context.config)
         found = list_cameras()
         for camera in found:
             yield Finding("camera that answers", "good", describe_camera(camera))
         if not found and options.camera is None:
             yield Finding("camera that answers", "fault", "none", f"check its cable; {_SEE}")
-            return
+            return None
         device = GenicamDevice(options)
         try:
             yield from _examine_device(device)
+            return device.frame_quads
         finally:
             device.close()
     except PdcdError as err:
         yield fault("camera", err, CAMERA_DEVICE)
+    return None
 
 
 def _examine_device(device: GenicamDevice) -> Iterator[Finding]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 
-from pdcd.driver import DeviceLost, ExposureError, Patience, PhotoError
+from pdcd.driver import ExposureError, Patience, PhotoError
 
 from .aravis import STATUS_WORDS, RawBuffer
 from .device import CAMERA_DEVICE, GenicamDevice
@@ -62,15 +62,9 @@ class FrameReceiver:
                 return self.check(buffer)
             waited_s += _SLICE_S
             self._patience.look()
-            if waited_s - asked_s >= _ASK_S:
+            if waited_s - asked_s >= _ASK_S or self._device.lost:
                 asked_s = waited_s
-                self._device.record()  # which raises where the camera is gone
-            elif self._device.lost:
-                raise DeviceLost(
-                    "control of the camera was lost",
-                    device=CAMERA_DEVICE,
-                    hint="check power and cable",
-                )
+                self._device.record()  # which raises where the camera is gone, or another one
         self._last_id = None
         raise PhotoError(
             f"no frame came within {longest_s:g} s",

@@ -61,6 +61,7 @@ _ARAVIS: dict[str, tuple[type | None, tuple[type, ...]]] = {
     "arv_camera_gv_get_packet_size": (c_uint, (_P, _E)),
     "arv_gv_device_is_controller": (c_int, (_P,)),
     "arv_device_get_feature": (_P, (_P, _S)),
+    "arv_device_read_register": (c_int, (_P, _U64, POINTER(_U32), _E)),
     "arv_gc_float_get_unit": (_S, (_P,)),
     "arv_device_is_feature_available": (c_int, (_P, _S, _E)),
     "arv_device_get_string_feature_value": (_S, (_P, _S, _E)),

@@ -111,16 +111,14 @@ class GenicamReadout:
         """Open the camera and tell what it says of itself. Raises DeviceLost, ConfigError."""
         device = self._camera.open(_READOUT)
         identity, cfa = device.identity, device.pixel_format.cfa
-        width, height = device.size
-        side, colours = (1, 1) if cfa is None else (2, 3)
         return CameraInfo(
             model=f"{identity.get('vendor', '')} {identity.get('model', 'camera')}".strip(),
             serial=identity.get("serial", ""),
             profile=self._config.profile,
-            responsivity_e=responsivity_e(self._config, colours),
+            responsivity_e=responsivity_e(self._config, 1 if cfa is None else 3),
             isos=device.isos,
             f_numbers=(),
-            frame_quads=(width // side, height // side),
+            frame_quads=device.frame_quads,
             cfa=cfa,
         )
 

@@ -6,15 +6,17 @@ The driver is `drivers.genicam` as it is; only who listens at 127.0.0.1 is broug
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.driver import ConfigError, DriverContext
+from pdcd.driver import ConfigError, DriverContext, Finding, PdcdError, fault
 
 from ..genicam.camera import GenicamCamera, list_camera_parts
 from ..genicam.device import GenicamDevice
+from ..genicam.doctor import examine_genicam
 from ..genicam.options import read_genicam_options
 from ..genicam.pixels import BY_NAME
 from ..genicam.roles import GenicamReadout, GenicamShutter
@@ -28,6 +30,8 @@ _DARK_S = 1e-3
 """A shorter exposure is one that looks for black. Panels are, and the bench is not told of it."""
 _WAIT_S = 60.0
 """How long a frame may take: until the light of an exposure is worked out."""
+_PACKET_BYTES = 9000
+"""The loopback takes more, and the simulator has no test packets to find it out."""
 _PLACES = {"R": ((0, 0),), "G": ((0, 1), (1, 0)), "B": ((1, 1),)}
 """Where the bench's sensor has a colour in its quads."""
 
@@ -110,7 +114,11 @@ class HostedCamera(GenicamCamera):
             context.clock,
         )
         options = msgspec.structs.replace(
-            options, camera=VIRTUAL_ADDRESS, resend=False, wait_s=max(options.wait_s, _WAIT_S)
+            options,
+            camera=VIRTUAL_ADDRESS,
+            resend=False,
+            wait_s=max(options.wait_s, _WAIT_S),
+            packet_bytes=options.packet_bytes or _PACKET_BYTES,
         )
         super().__init__(options, *list_camera_parts(context))
 
@@ -124,6 +132,22 @@ class HostedCamera(GenicamCamera):
         super().close(user)
         if not self._users:
             self.virtual.stop()
+
+
+def examine_virtual_genicam(
+    context: DriverContext,
+) -> Generator[Finding, None, tuple[int, int] | None]:
+    """What `examine_genicam` has to say of the camera that is brought along, while it is there."""
+    try:
+        hosted = HostedCamera(context)
+        hosted.virtual.start()
+    except PdcdError as err:
+        yield fault("camera", err, "camera")
+        return None
+    try:
+        return (yield from examine_genicam(context, hosted.options))
+    finally:
+        hosted.virtual.stop()
 
 
 def _host(context: DriverContext) -> DriverContext:

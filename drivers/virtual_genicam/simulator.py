@@ -128,5 +128,5 @@ def _cannot_listen() -> DeviceLost:
     return DeviceLost(
         f"the virtual camera cannot listen at {VIRTUAL_ADDRESS}",
         device="camera",
-        hint="end the other virtual camera of this machine",
+        hint="end the daemon or program that has another virtual camera here",
     )

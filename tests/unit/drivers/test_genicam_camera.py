@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -132,6 +133,39 @@ def test_a_camera_that_dies_in_an_exposure_is_lost_and_found_again() -> None:
             camera.fetch(60.0)
         assert time.monotonic() - started_s < 10.0
         virtual.start()  # the old connection would seem to work
+        assert np.array_equal(shoot(camera).samples, film.last)
+        camera.close("readout")
+
+
+def test_a_camera_that_was_restarted_is_opened_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.genicam.camera._BACK_S", 0.0)
+    film, clock = Sheets(), VirtualClock()
+    with hosted("Mono12p", film=film, clock=clock) as virtual:
+        camera = client(clock)
+        shoot(camera)
+        virtual.stop()
+        virtual.start()
+        assert np.array_equal(shoot(camera).samples, film.last)
+        camera.arm(SETTINGS)
+        camera.begin()
+        virtual.stop()
+        virtual.start()
+        camera.end()
+        with pytest.raises(PhotoError, match="restarted"):
+            camera.fetch(60.0)
+        assert np.array_equal(shoot(camera).samples, film.last)
+        # A setting that it forgot meanwhile is not taken for one that it does not have.
+        camera.arm(SETTINGS)
+        virtual.stop()
+        virtual.start()
+        with pytest.raises(PhotoError, match="restarted"):
+            camera.expect(100.0)
+        virtual.stop()
+        virtual.description = replace(virtual.description, serial="V2")
+        virtual.start()
+        with pytest.raises(DeviceLost, match=r"another camera answers.* V2"):
+            shoot(camera)
+        camera.close("readout")  # and whoever starts again knows of no other
         assert np.array_equal(shoot(camera).samples, film.last)
         camera.close("readout")
 
