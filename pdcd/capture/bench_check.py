@@ -9,15 +9,16 @@ calibration that is in use is held against the devices that are there.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pdcd.bench.calibration import RECORD, Calibration, read_calibration
 from pdcd.bench.choosing import find_newest_calibration, find_other_device
-from pdcd.bench.devices import CameraInfo, Finding, fault
+from pdcd.bench.devices import CameraInfo, DriverContext, Finding, Readout, fault
 from pdcd.bench.measured import compute_age_days, parse_calibration_name
 from pdcd.bench.placed import make_camera_map
+from pdcd.bench.registry import load_driver, name_driver_errors
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.capture.job import Journal
 from pdcd.capture.rig import Rig
@@ -111,23 +112,56 @@ def check_frame(
     )
 
 
-def examine_frame(config: Config, raw: Path | None) -> Iterator[Finding]:
-    """Yield what is known of the camera's frame: from a RAW file, else from the sensor profile.
+def examine_readout(
+    context: DriverContext,
+) -> Generator[Finding, None, tuple[int, int] | None]:
+    """Yield what the readout of a configuration says of its camera, which is opened and let go;
+    returns its frame in quads, where it tells. Nothing is exposed; what fails is a finding."""
+    name = context.config.camera.driver
+    try:
+        driver = load_driver("readout", name)
+        with name_driver_errors("readout"):
+            readout: Readout = driver.create(context)
+            try:
+                info = readout.connect()
+            finally:
+                readout.disconnect()
+    except PdcdError as err:
+        yield fault("camera", err, "camera")
+        return None
+    yield Finding("driver", "good", f"{name}, {driver.maturity}")
+    yield Finding("camera", "good", f"{info.model} {info.serial}".strip())
+    yield Finding("ISO", "good", ", ".join(map(str, info.isos)) or "as it is set")
+    apertures = ", ".join(f"{f_number:g}" for f_number in info.f_numbers)
+    yield Finding("apertures", "good", apertures or "as the lens is set")
+    return info.frame_quads
+
+
+def examine_frame(
+    config: Config, raw: Path | None, told: tuple[int, int] | None = None
+) -> Iterator[Finding]:
+    """Yield what is known of the camera's frame: from a RAW file, else by what its driver `told`,
+    width and height in quads, else from the sensor profile.
 
     What fails is a finding, too.
     """
     what = "frame"
     try:
         if raw is None:
-            told = load_profile(config.camera.profile).frame_quads
+            profile, source = load_profile(config.camera.profile), "camera"
+            if told is None:
+                told, source = profile.frame_quads, "sensor profile"
             if told is None:
                 yield Finding(
                     "frame", "unknown", "not told by the sensor profile", "give a photo: --raw FILE"
                 )
                 return
-            frame = told[1], told[0]
-            yield Finding("frame", "good", f"{told[0]} x {told[1]} quads, by the sensor profile")
-            yield Finding("orientation", "unknown", "only a photo tells", "give one: --raw FILE")
+            frame, units = (told[1], told[0]), _UNITS[profile.colours]
+            yield Finding("frame", "good", f"{told[0]} x {told[1]} {units}, by the {source}")
+            if source != "camera":
+                yield Finding(
+                    "orientation", "unknown", "only a photo tells", "give one: --raw FILE"
+                )
         else:
             head, photo = read_raw_head(raw), read_raw(raw)
             frame = photo.frame

@@ -15,6 +15,15 @@ from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say_json, say_table, say_text
 from pdcd.errors import ConfigError
 
+_DOCTORS = {
+    "mock": "ptp.doctor:examine_ptp",
+    "ptp": "ptp.doctor:examine_ptp",
+    "genicam": "genicam.doctor:examine_genicam",
+    "virtual-genicam": "virtual_genicam.bench:examine_virtual_genicam",
+}
+"""Who knows more of a camera than any readout tells, by its driver: by name, as drivers are loaded.
+Before there is a configuration a Canon is looked for."""
+
 
 def diagnose_display(args: argparse.Namespace) -> int:
     """Look at the X server and at both panels; fails when anything must be mended."""
@@ -31,17 +40,19 @@ def diagnose_camera(args: argparse.Namespace) -> int:
 def _examine_camera(config: Config, raw: Path | None) -> Iterator[Finding]:
     from pdcd.bench.clock import RealClock
     from pdcd.bench.devices import DriverContext
-    from pdcd.capture.bench_check import examine_frame
+    from pdcd.capture.bench_check import examine_frame, examine_readout
 
     # Cameras keep their own time, whatever clock the rest of the rig would run on.
     context = DriverContext(config=config, clock=RealClock())
-    # By name, as drivers are loaded: pdcd imports none of them.
-    if "genicam" in (config.camera.driver, config.trigger.driver):
-        examine = import_driver_module("genicam.doctor").examine_genicam
+    # One camera may have its shutter beside a folder; a mock shutter says nothing of a camera.
+    drivers = (config.camera.driver, *({config.trigger.driver} - {"mock"}))
+    known = next((_DOCTORS[name] for name in drivers if name in _DOCTORS), None)
+    if known is None:
+        told = yield from examine_readout(context)
     else:
-        examine = import_driver_module("ptp.doctor").examine_ptp
-    yield from examine(context)
-    yield from examine_frame(config, raw)
+        module, _, function = known.partition(":")
+        told = yield from getattr(import_driver_module(module), function)(context)
+    yield from examine_frame(config, raw, told)
 
 
 def examine_bench(config: Config) -> Iterator[Finding]:

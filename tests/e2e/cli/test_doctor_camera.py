@@ -6,6 +6,7 @@ import json
 import os
 import pty
 import signal
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.cli.main import main
 from tests.fake_serial import FakeLine, fake_line
 from tests.form_dng import DngFile, write_dng_form
+from tests.genicam_rig import needs_aravis, turn
 from tests.placed_film import Shot, masked_dng
 
 BODY = {"usb": "virtual"}
@@ -113,6 +115,39 @@ def test_without_any_usb(
     assert found["camera"]["state"] == "fault"
     assert ("no camera was found" if libusb else "libusb") in found["camera"]["found"]
     assert found["camera"]["hint"]
+
+
+@needs_aravis
+def test_the_virtual_machine_vision_camera(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    text = "".join(f'[{table}]\ndriver = "virtual-genicam"\n' for table in ("trigger", "camera"))
+    path = config(tmp_path, text + 'profile = "mono"\nframe_quads = [200, 150]\n')
+    with turn():
+        code, found = ask(capfd, "camera", "--config", path)
+        assert code == 0 and {f["state"] for f in found.values()} <= {"good", "unknown"}, found
+        assert "virtual GenICam V1 at 127.0.0.1" in found["camera that answers"]["found"]
+        assert found["picture"]["found"] == "200 x 150 pixels of Mono12p"
+        assert found["frame"]["found"] == "200 x 150 pixels, by the camera"
+        assert found["field seen"]["found"] == "100 % of 48 x 64 cells"
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.bind(("127.0.0.1", 3956))  # somebody else is a camera
+            code, found = ask(capfd, "camera", "--config", path)
+        assert code == 5 and "cannot listen" in found["camera"]["found"]
+
+
+@pytest.mark.parametrize(("options", "state", "told"), [
+    ('folder = "."', "good", "folder, "), ('file = "."', "fault", "folder: must be given"),
+])  # fmt: skip
+def test_a_camera_that_no_doctor_knows_is_asked_by_its_readout(
+    options: str, state: str, told: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = config(tmp_path, f'[camera]\ndriver = "folder"\n[camera.options]\n{options}\n')
+    code, found = ask(capfd, "camera", "--config", path)
+    finding = found["driver" if state == "good" else "camera"]
+    assert finding["state"] == state and told in finding["found"]
+    assert code == (0 if state == "good" else 5)
+    assert "configuration" not in found  # no other camera is looked for
 
 
 def test_no_click_without_the_word(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
