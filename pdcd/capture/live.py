@@ -187,13 +187,14 @@ def _pass_on(
 
 def _make_dark(rig: Rig, thread: FinderThread | None) -> bool:
     """Panels black first, then the finder ended, then all made safe; whether it is."""
-    rig.context.shared.held = None
     try:
         with rig.context.patience.deaf():
             rig.display.black()
     except Exception as err:  # it is asked again below
         logger.warning("panels not black error=%s", err)
-    if thread is None or thread.end(_GRACE_S):
+    ended = thread is None or thread.end(_GRACE_S)
+    rig.context.shared.held = None  # not before: a virtual camera may be at its last picture
+    if thread is None or ended:
         return rig.make_safe()
     rig.look_at_finder = thread.look
     logger.error("the camera hangs in its finder, which is left behind")

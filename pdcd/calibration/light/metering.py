@@ -85,19 +85,11 @@ def meter_light(session: CalibrationSession) -> StepScript:
         )
     verdict = Verdict.GOOD if session.full <= MOST_WHITE_REFRESHES else Verdict.DOUBTFUL
     session.full = min(session.full, MOST_WHITE_REFRESHES)
-    return StepOutcome(
-        (
-            MeasuredFigure(
-                "full_refreshes",
-                float(session.full),
-                0.0,
-                "",
-                f"{LEAST} to {MOST_WHITE_REFRESHES}",
-                verdict,
-            ),
-            MeasuredFigure("f_number", float(f_number or 0.0), 0.0, "f"),
-        )
-    )
+    limit = f"{LEAST} to {MOST_WHITE_REFRESHES}"
+    figures = [MeasuredFigure("full_refreshes", float(session.full), 0.0, "", limit, verdict)]
+    if f_number is not None:  # of a lens that is set from here
+        figures.append(MeasuredFigure("f_number", f_number, 0.0, "f"))
+    return StepOutcome(tuple(figures))
 
 
 def choose_wide_aperture(session: CalibrationSession, least: int) -> tuple[float | None, int]:

@@ -26,7 +26,7 @@ from pdcd.sensor.raw import read_raw
 from tests import bench_rig
 from tests.e2e.calibration.steps_rig import make_config
 from tests.e2e.calibration.test_timing import TAUS
-from tests.e2e.calibration.test_whole import BENCH
+from tests.e2e.calibration.test_whole import BENCH, STOPS
 from tests.e2e.calibration.timing_rig import MASK_PX, PROJECTOR_PX, QUADS
 from tests.genicam_rig import needs_aravis, turn
 from tests.places import ROOT
@@ -178,7 +178,8 @@ def test_all_steps_find_the_same(tmp_path: Path) -> None:
     assert trigger and "[" not in trigger
     (tmp_path / "truth.toml").write_text(truth)
     path = tmp_path / "bench.toml"
-    path.write_text(format_toml({**BENCH, "bench": {"truth": "truth.toml"}}))
+    camera = {**BENCH["camera"], "f_number": STOPS["modern"]}
+    path.write_text(format_toml({**BENCH, "camera": camera, "bench": {"truth": "truth.toml"}}))
     assert_same_calibrations(
         load_config(path), tuple(name for name in steps.STEP_SCRIPTS if name not in steps.AT_WISH)
     )
