@@ -19,6 +19,7 @@ from pdcd.client import EventHandler
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
+from pdcd.runs.elsewhere import note_folder
 
 
 def capture(args: argparse.Namespace) -> int:
@@ -41,8 +42,12 @@ def capture_photo(
 ) -> CaptureResult:
     """Take a photo in this process or over the socket, as `args` say, with progress shown."""
     if args.local:
-        with show_bar("planning") as on_event:
-            return _capture_here(args.config, request, files, on_event)
+        try:
+            with show_bar("planning") as on_event:
+                return _capture_here(args.config, request, files, on_event)
+        finally:
+            if request.out is not None:
+                note_folder(Path(request.out))
     # A terminated command must end its job in good order, as an interrupted one does.
     with (
         send_signals_to(signal.default_int_handler),

@@ -29,12 +29,13 @@ from pdcd.cli.output import (
 )
 from pdcd.cli.parser import LISTED
 from pdcd.cli.typed import WHEN
-from pdcd.errors import ConfigError, DecodeError
+from pdcd.errors import ConfigError, DecodeError, DiskError
 from pdcd.files.text import encode_json
 from pdcd.printable import to_one_line
 from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
 from pdcd.protocol.fields import list_request_fields
 from pdcd.protocol.request import CaptureRequest
+from pdcd.runs.elsewhere import list_noted_folders
 from pdcd.runs.folder import REPORT_FILE, read_manifest
 from pdcd.runs.index import iterate_run_pages, make_name_query, pick_run, read_run_at
 from pdcd.runs.record import Manifest
@@ -58,25 +59,32 @@ def print_runs(args: argparse.Namespace) -> int:
         args, LISTED, newest=MOST_RUNS if everything else _NEWEST, previews=everything
     )
     found: list[RunEntry] = []
-    for page in list_run_pages(args, query):
-        found += page.runs
-        if not everything and len(found) >= _NEWEST:
-            del found[_NEWEST:]
-            break
-    found.reverse()
+    with closing(list_run_pages(args, query)) as pages:
+        for page in pages:
+            found += page.runs
+            if not everything and len(found) >= _NEWEST:
+                break
+    elsewhere, foreign = ([], []) if args.state_dir is not None else list_noted_folders()
+    for folder in elsewhere:
+        found += _find_in_folder(folder, query, page.state_folder)
+    found.sort(key=lambda run: run.job)
+    if not everything:
+        del found[:-_NEWEST]
     if args.json:
         for run in found:
             say_json(run)
         return DONE
     _say_runs(found)
+    beside = f" and {len(elsewhere)} folders that --out named" if elsewhere else ""
     tell_user(
-        f"{len(found)} runs in {page.state_folder}; of a folder that --out named elsewhere: "
-        "pdcd runs --state-dir DIR"
+        f"{len(found)} runs in {page.state_folder}{beside}; in another: pdcd runs --state-dir DIR"
     )
     tell_user(
         "error: against the known truth, or +- what the photo itself expects, as a share of RMS"
     )
     _tell_limits(page)
+    for folder in foreign:
+        tell_user(f"not looked into, as it is somebody else's: {folder}")
     return DONE
 
 
@@ -123,12 +131,8 @@ def verify(args: argparse.Namespace) -> int:
         args.folder = [Path(_run_of(args, name).folder) for name in args.run_name]
     else:
         query = parse_run_query(args, "", newest=MOST_RUNS)
-        args.folder = [
-            Path(run.folder)
-            for page in list_run_pages(args, query)
-            for run in page.runs
-            if run.state in _FINISHED
-        ]
+        found = _find_everywhere(args, query)
+        args.folder = [Path(run.folder) for run in found if run.state in _FINISHED]
         if not args.folder:
             tell_user("no finished run is like that: nothing was verified")
     args.manifest_sha256 = None
@@ -144,9 +148,29 @@ def _run_of(args: argparse.Namespace, text: str | None = None) -> RunEntry:
     asked: str = args.run_name if text is None else text
     if "/" in asked or Path(asked).is_dir():
         return read_run_at(Path(asked))
-    return pick_run(
-        [run for page in list_run_pages(args, make_name_query(asked)) for run in page.runs], asked
-    )
+    return pick_run(_find_everywhere(args, make_name_query(asked)), asked)
+
+
+def _find_everywhere(args: argparse.Namespace, query: RunQuery) -> list[RunEntry]:
+    """All runs that are like that, those in folders that --out named among them."""
+    found: list[RunEntry] = []
+    for page in list_run_pages(args, query):
+        found += page.runs
+    if args.state_dir is None:
+        for folder in list_noted_folders()[0]:
+            found += _find_in_folder(folder, query, page.state_folder)
+    return found
+
+
+def _find_in_folder(folder: Path, query: RunQuery, state: str) -> list[RunEntry]:
+    """Runs that lie in a folder itself; none where it cannot be read, or the state folder's list
+    has them."""
+    if folder.is_relative_to(state):
+        return []
+    try:
+        return [run for page in iterate_run_pages(folder, query, 1) for run in page.runs]
+    except DiskError:
+        return []
 
 
 def check_option_order(args: argparse.Namespace) -> None:
@@ -353,7 +377,7 @@ def _check_prune(args: argparse.Namespace) -> None:
     """Raise ConfigError unless it was said which runs are to go."""
     check_option_order(args)
     if args.keep is not None and args.keep < 0:
-        raise ConfigError(f"--keep {args.keep} is less than nothing")
+        raise ConfigError(f"--keep {args.keep} is less than nothing", hint="type --keep 10 for ten")
     if args.older_than is None and args.keep is None and not args.failed:
         raise ConfigError(
             "it was not said which runs are to go",

@@ -22,6 +22,7 @@ from pdcd.protocol.result import format_job_time
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.look import make_bare_entry, make_damaged_entry, read_run_entry
 from pdcd.runs.walk import (
+    DEPTH,
     RunSpot,
     Walk,
     is_job,
@@ -99,9 +100,10 @@ def find_runs(
     return found
 
 
-def iterate_run_pages(state: Path, query: RunQuery) -> Iterator[Page]:
-    """Page after page of the runs below a state folder. Raises what `search_runs` raises."""
-    walk = walk_runs(state)
+def iterate_run_pages(state: Path, query: RunQuery, depth: int = DEPTH) -> Iterator[Page]:
+    """Page after page of the runs below a state folder, so many folders deep. Raises what
+    `search_runs` raises."""
+    walk = walk_runs(state, depth)
     while True:
         page = search_runs(state, query, walk)
         yield page

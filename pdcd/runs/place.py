@@ -220,7 +220,7 @@ def _inside_run(name: str) -> RequestError:
 
 
 def _refused(why: str) -> RequestError:
-    return RequestError(why, hint="name another folder as out")
+    return RequestError(why, hint="name another folder")
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from pdcd.bench.choosing import CALIBRATIONS_FOLDER as CALIBRATIONS
 from pdcd.errors import DiskError, RequestError
 from pdcd.files.inside import WAY
 
-_DEPTH = 3
+DEPTH = 3
 """Folders below the one given in which runs are looked for: `captures`, and what `out` named."""
 MOST_ENTRIES = 200_000
 """Names looked at before the search ends."""
@@ -82,14 +82,14 @@ def is_job(text: str) -> bool:
     return spot is not None and spot.path == spot.job
 
 
-def walk_runs(state: Path) -> Walk:
-    """All run folders below a state folder; none where it is missing.
+def walk_runs(state: Path, depth: int = DEPTH) -> Walk:
+    """All run folders below a state folder, so many folders deep; none where it is missing.
 
     Raises DiskError when the folder itself cannot be read.
     """
     try:
         with open_state_folder(state) as (top, owners):
-            return _walked(top, owners)
+            return _walked(top, owners, depth)
     except FileNotFoundError:
         return Walk([], (), False)
     except OSError as err:
@@ -100,7 +100,7 @@ def walk_runs(state: Path) -> Walk:
         ) from err
 
 
-def _walked(top: int, owners: frozenset[int]) -> Walk:
+def _walked(top: int, owners: frozenset[int], depth: int) -> Walk:
     """The same below an open folder; raises OSError when that cannot be listed."""
     spots: list[RunSpot] = []
     closed: list[str] = []
@@ -125,7 +125,7 @@ def _walked(top: int, owners: frozenset[int]) -> Walk:
                         spots.append(RunSpot(run[1], path, run[2], foreign))
                     elif foreign:
                         closed.append(path)
-                    elif path.count("/") + 1 < _DEPTH:
+                    elif path.count("/") + 1 < depth:
                         waiting.append(path)
         except OSError:
             if not place:

@@ -75,7 +75,7 @@ def test_the_newest_fifty_are_listed_and_pages_asked_for_until_then(
     del finder.asked[:]
     finder.pages = [*finder.pages[:3], Page(state_folder="/srv", runs=[entry(7)])]
     out, _ = listed(capsys, "--all", "--json")
-    assert len(out) == 91 and json.loads(out[0])["job"] == entry(7).job  # the oldest first
+    assert len(out) == 91 and json.loads(out[0])["job"] == entry(0).job  # the oldest first
     first = finder.asked[0]
     assert (first.newest, first.previews, len(finder.asked)) == (1000, True, 4)
     assert [query.before for query in finder.asked] == [None, "m0", "m1", "m2"]

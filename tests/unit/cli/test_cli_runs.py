@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +19,7 @@ from pdcd.errors import ConfigError
 from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
+from pdcd.runs.elsewhere import list_noted_folders, note_folder
 from pdcd.runs.index import find_runs
 from tests.run_folders import cut, finished, job
 from tests.unit.cli.cli_stubs import (
@@ -81,6 +84,63 @@ def test_json_has_a_run_a_line_and_filters_choose(
     assert jobs("--state-dir", str(state / "preview" / job(4))) == []
     for wrong in (("--tag", "a b"), ("--since", "soon")):
         told(capsys, *wrong, code=2)
+
+
+def test_runs_in_folders_that_out_named_are_found(
+    state: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def jobs(*words: str) -> list[str]:
+        return [json.loads(line)["job"] for line in told(capsys, "--json", *words)]
+
+    here, beside = state.parents[3] / "here", state.parents[3] / "beside"
+    finished(here, job(5), request={"name": "Elsewhere"})
+    finished(beside / "below", job(6))
+    for folder in (here, beside, here, state / "captures"):
+        note_folder(folder)
+    # Those that lie in the folder itself, each once; and nothing that was put below it.
+    assert jobs() == [job(1), job(2), job(3), job(5)]
+    assert main(["runs"]) == 0
+    assert "4 runs in" in capsys.readouterr().err
+    assert told(capsys, "show", "Elsewhere")[0].split() == ["job", job(5)]
+    assert jobs("--state-dir", str(state)) == [job(1), job(2), job(3)]
+    # What became another user's is named, and not looked into.
+    if os.geteuid() == 0:
+        os.chown(here, 12345, 12345)
+        assert main(["runs", "--json"]) == 0
+        printed = capsys.readouterr()
+        assert job(5) not in printed.out and not printed.err
+        assert main(["runs"]) == 0
+        assert f"somebody else's: {here}" in capsys.readouterr().err
+    shutil.rmtree(here)
+    assert jobs() == [job(1), job(2), job(3)]
+
+
+def test_a_run_by_local_and_out_is_noted(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    config = tmp_path / "small.toml"
+    config.write_text("[scene]\ngrid = [6, 8]\n")
+    line = ["capture", "white", "--local", "--config", str(config), "--json", "--out"]
+    assert main([*line, str(tmp_path / "here")]) == 0
+    made = last_object(capsys.readouterr().out)["job"]
+    assert main([*line, str(config)]) == 2  # which is no folder
+    capsys.readouterr()
+    assert [json.loads(line)["job"] for line in told(capsys, "--json")] == [made]
+    assert list_noted_folders() == ([tmp_path / "here"], [])
+
+
+def test_a_damaged_list_of_folders_harms_no_list_of_runs(
+    state: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for text in ("", "{}", "[1]", '["\\u0000", "/dev/null", "gone"]', "[" * 10000):
+        (state / "elsewhere.json").write_text(text)
+        assert len(told(capsys, "--json")) == 3
+    (state / "elsewhere.json").unlink()
+    os.mkfifo(state / "elsewhere.json")
+    assert len(told(capsys, "--json")) == 3
+    for number in range(105):
+        note_folder(state / f"f{number}")
+    assert len(json.loads((state / "elsewhere.json").read_bytes())) == 100
 
 
 def test_runs_of_a_daemon_that_goes_away_are_not_mixed_with_others(
