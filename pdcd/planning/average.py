@@ -162,6 +162,6 @@ def _told(plan: Plan, noise: float, times: int, seconds: float) -> str:
     if left > NOISE:
         text += (
             f"; more than {MOST_EXPOSURES} of them, {MOST_S:g} s or what memory holds are not "
-            "spent unasked: darken the room, or name an error (--error)"
+            "spent unasked: darken the room, or name an error"
         )
     return text

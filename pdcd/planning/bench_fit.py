@@ -193,7 +193,7 @@ def explain_bench_fit(
         if larger is not None and window == "quarter":
             gain = find_window_kind(larger).area / find_window_kind(window).area
             told.append(
-                f"--window {larger} has {gain:.3g} times the light, and fits how the panels meet"
+                f"window {larger} has {gain:.3g} times the light, and fits how the panels meet"
             )
     told += _border_reasons(config, grid, window)
     if has_measured_times(config) and mask_lag_s is not None and schedule != "none":

@@ -77,7 +77,7 @@ def resolve_dark_s(
         if not config.display.row_times:
             raise RequestError(
                 "schedule: the panels show no dark time between rows",
-                hint="take --schedule both, or set display.row_times for panels that do",
+                hint="take schedule both, or set display.row_times for panels that do",
             )
         return row_s if mask_lag_s is None else choose_dark_s(config, mask_lag_s)
     if asked != "auto" or not config.display.row_times or mask_lag_s is None:

@@ -221,7 +221,7 @@ class Viewport:
                 f"{levels.nbytes} bytes of patterns exceed the graphics card's textures "
                 f"({TEXTURE_WIDTH * limit * 4} bytes)",
                 device=self._panel.role,
-                hint="use fewer codes in one photo (--parts), or a coarser grid",
+                hint="use fewer codes in one photo (more parts), or a coarser grid",
             )
         stream = np.zeros(rows * TEXTURE_WIDTH * 4, dtype=np.uint8)
         stream[: levels.size] = levels.reshape(-1)

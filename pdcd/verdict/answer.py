@@ -42,7 +42,9 @@ def judge_answer(seen: Evidence) -> Iterator[VerdictFinding]:
             yield from judge_negative_light(image, sensor)
         if made.kind == "sensor":
             codes = record.how.codes
-            advice = "--parts 4" if codes >= _FEWEST_CODES else f"{_FEWEST_CODES} codes or more"
+            advice = "4 parts: their spread measures it"
+            if codes < _FEWEST_CODES:
+                advice = f"{_FEWEST_CODES} codes or more, as four parts measure it"
             share = _error_by_single_paths(seen, image)
             yield from judge(Cause.CODES_UNMEASURED, share, advice=advice)
     yield from judge(Cause.LEAKS_LEFT, record.leak)

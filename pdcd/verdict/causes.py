@@ -164,7 +164,7 @@ class Cause(Enum):
     # Direct light is taken for ten times the rest of the scene.
     DIRECT_UNSEEN = VerdictRow(0.015, 0.05,
         "direct light that was to be blocked has a weight of {figure} (limit {limit}), and no "
-        "photo tells how much there is; look at contrast and places of the panels, take --schedule "
+        "photo tells how much there is; look at contrast and places of the panels, take schedule "
         "auto or tail before a slow mask, or take indirect, which shows it")
 
     # The answer.
@@ -189,7 +189,7 @@ class Cause(Enum):
     # 16 codes have 0.25, 100 of them 0.1; codes that leave no error less than 0.003.
     CODES_UNMEASURED = VerdictRow(0.1, NEVER,
         "codes are not in the error bar: on sharp light, as of mirrors, the answer may be off by "
-        "{figure} (RMS, limit {limit}); take {advice}, as four parts measure it", remark=0.003)
+        "{figure} (RMS, limit {limit}); take {advice}", remark=0.003)
     LEAKS_LEFT = VerdictRow(0.05, 0.3,
         "ambient light and leaks are {figure} of the answer and were not taken off (limit "
         "{limit}); darken the room, or take black exposures")

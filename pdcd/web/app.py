@@ -33,7 +33,7 @@ from pdcd.web.pages import (
     name_fields,
     read_page_files,
 )
-from pdcd.web.shelf import RunShelf
+from pdcd.web.shelf import RunShelf, ShelfRun
 from pdcd.words import PatternName
 
 logger = logging.getLogger(__name__)
@@ -222,10 +222,11 @@ class Site:
         )
 
     async def _runs(self, request: web.Request) -> web.StreamResponse:
-        return _json({"runs": await self._disk.do(self._shelf.runs)})
+        found = await self._disk.do(self._shelf.runs)
+        return _json({"runs": [_name_reason(run) for run in found]})
 
     async def _run(self, request: web.Request) -> web.StreamResponse:
-        return _json(await self._disk.do(self._shelf.run, request.match_info["job"]))
+        return _json(_name_reason(await self._disk.do(self._shelf.run, request.match_info["job"])))
 
     async def _picture(self, request: web.Request) -> web.StreamResponse:
         job, name = request.match_info["job"], request.match_info["name"]
@@ -286,6 +287,14 @@ async def _read_body(
         raise Refusal(400, f"the body is not what it should be: {err}") from err
 
 
+def _name_reason(run: ShelfRun) -> ShelfRun:
+    """A run that says why it failed in words of the page; what people wrote stays as it is."""
+    if run.entry is None or run.entry.reason is None:
+        return run
+    entry = msgspec.structs.replace(run.entry, reason=name_fields(run.entry.reason))
+    return msgspec.structs.replace(run, entry=entry)
+
+
 def _plain(asked: msgspec.Struct) -> dict[str, Any]:
     plain: dict[str, Any] = msgspec.to_builtins(asked)
     return plain
@@ -303,7 +312,7 @@ async def _tell_frames(frames: AsyncGenerator[Any, None]) -> AsyncGenerator[byte
             if not begun:  # it is told by the status of the answer
                 raise
             told = to_error_fields(err) if isinstance(err, PdcdError) else {"message": str(err)}
-            yield make_message({"error": told})
+            yield make_message({"error": name_fields(told)})
 
 
 async def _written(response: web.StreamResponse, data: bytes) -> None:

@@ -23,7 +23,13 @@ _TYPES: Mapping[str, str] = {
     "svg": "image/svg+xml",
 }
 INDEX = "index.html"
-_UNITS: Mapping[str, str] = {"CELLS": "cells", "S": "s", "E": "share of 1"}
+_UNITS: Mapping[str | tuple[str, ...], str] = {
+    "CELLS": "cells",
+    ("DOWN", "RIGHT"): "cells",
+    ("LOW", "HIGH"): "cells",
+    "S": "s",
+    **dict.fromkeys("CEP", "share of 1"),
+}
 _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)")
 
 ALWAYS: Mapping[str, str] = {
@@ -98,17 +104,18 @@ def _labels() -> Mapping[str, str]:
 
 def _unit(field: Field) -> str:
     """Behind a label that does not say it, by what stands for the value on the command line."""
-    unit = _UNITS.get(str(field.about.metavar), "")
+    unit = _UNITS.get(field.about.metavar, "")
     return f" ({unit})" if unit and not field.label.startswith(unit) else ""
 
 
 def _described(field: Field) -> dict[str, Any]:
     """One field.
 
-    `values` are those that it may be, or words that it may be in the place of a number; `common`
-    fields are shown at once.
+    `values` are those that it may be, or words that it may be in the place of a number; `each` says
+    what each of several numbers is; `common` fields are shown at once.
     """
     values: list[bool | str] = list(field.words)
+    several = field.about.metavar if isinstance(field.about.metavar, tuple) else ()
     if field.kind == "switch" or "true" in field.takes:
         values = [True, False, *values]
     return {
@@ -119,6 +126,7 @@ def _described(field: Field) -> dict[str, Any]:
         "kind": field.kind,
         "values": values,
         "count": field.count,
+        "each": [name.lower() for name in several],
         "optional": field.optional,
         "default": field.default or None if field.kind == "text" else field.default,
         "common": field.about.common,

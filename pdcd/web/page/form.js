@@ -37,8 +37,8 @@ const drawn = {
     box.setAttribute("list", list.id);
     return { input: el("div", {}, box, list), read };
   },
-  numbers({ id, label, count, takes }) {
-    const box = (at) => el("input", { type: "text", id: at ? null : id, autocomplete: "off", title: takes, "aria-label": `${label} ${at + 1}` });
+  numbers({ id, label, count, each, takes }) {
+    const box = (at) => el("input", { type: "text", id: at ? null : id, autocomplete: "off", title: takes, placeholder: each[at] ?? null, "aria-label": `${label} ${each[at] ?? at + 1}` });
     const boxes = Array.from({ length: count }, (_, at) => box(at));
     const read = () => (boxes.every(({ value }) => value.trim() === "") ? undefined : boxes.map(({ value }) => number(value)));
     return { input: el("div", { class: "many" }, ...boxes), read };

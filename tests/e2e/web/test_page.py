@@ -134,11 +134,70 @@ def test_the_page_outlives_the_daemon_and_cancels(chromium: Any, tmp_path: Path)
         opened.locator("#state.idle").wait_for()
 
 
-@pytest.mark.long
-def test_focus_is_shown_photo_by_photo(chromium: Any, tmp_path: Path) -> None:
+TOO_WIDE = """() => [...document.querySelectorAll("body *")].filter((each) => {
+  const { left, right, width } = each.getBoundingClientRect();
+  const cut = each.matches("button, dd, dt, p") && each.scrollWidth > each.clientWidth + 1;
+  return width && !each.closest(".scroll table") && (left < 0 || right > innerWidth + 1 || cut);
+}).map((each) => each.outerHTML.slice(0, 200))"""
+"""What sticks out of the page, or is cut off; a table may be scrolled."""
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_nothing_sticks_out(chromium: Any, tmp_path: Path, width: int) -> None:
+    """Form and plan, a photo and its end, live view, runs, focus: as they follow on each other."""
+    with bench(tmp_path, _card_bench(tmp_path)) as here, page(chromium, here) as opened:
+
+        def check(what: str) -> None:
+            assert opened.evaluate(TOO_WIDE) == [], what
+            assert opened.evaluate("document.documentElement.scrollWidth") == width, what
+
+        opened.set_viewport_size({"width": width, "height": 900})
+        opened.locator("#start:enabled").wait_for()
+        opened.click("#more summary")
+        for goal in opened.locator("#field-goal option").all_inner_texts():
+            opened.select_option("#field-goal", goal)
+            check(f"form of {goal}")
+        opened.select_option("#field-goal", "indirect")
+        opened.click("#more summary")
+        opened.fill("#field-codes", "x" * 300)
+        opened.click("#plan")
+        opened.locator("#form-trouble", has_text="a whole number from 1").wait_for()
+        check("a refusal")
+        opened.fill("#field-codes", "8")
+        opened.click("#plan")
+        opened.locator("#plan-answer", has_text="8 hadamard").wait_for()
+        check("a plan")
+        # It is where one looks: below the button, and on the screen.
+        button, plan = (opened.locator(i).bounding_box() for i in ("#plan", "#plan-answer"))
+        assert 0.0 <= plan["y"] - button["y"] - button["height"] < 40.0
+        assert plan["y"] < 900.0 and plan["y"] + plan["height"] > 0.0
+        opened.fill("#field-name", "W" * 80)
+        opened.fill("#field-tags", "t" * 40 + " " + "u" * 40)
+        opened.fill("#field-note", "n" * 400)
+        opened.click("#start")
+        opened.locator("#job-stage.done").wait_for()
+        opened.locator("#picture[alt^='indirect of ']").wait_for()
+        opened.locator("#runs tr").wait_for()
+        check("a photo, and the list of runs")
+        opened.click("#live")
+        opened.locator("#live-figures dd", has_text="pictures a second").wait_for()
+        check("a live view")
+        opened.click("#focus")
+        opened.locator("#attention-text", has_text="white card").wait_for()
+        check("what somebody is asked to do")
+        opened.click("#proceed")
+        opened.locator("#focus-now", has_text="now 0.").wait_for()
+        check("focus")
+        opened.click("#cancel:enabled")
+        opened.locator("#job-stage.cancelled").wait_for()
+        check("a job that was cancelled")
+
+
+def _card_bench(tmp_path: Path) -> Config:
+    """A bench in front of a card, large enough to be focused by."""
     truth = tmp_path / "truth.toml"
     truth.write_text("[mask]\ncontrast = 450.0\n[camera]\nblur_quads = 1.0\n")
-    config = Config(
+    return Config(
         projector=PanelConfig(size_px=(128, 96)),
         mask=PanelConfig(size_px=(160, 120)),
         camera=CameraConfig(profile="450d", frame_quads=(288, 216), seed=5),
@@ -146,6 +205,11 @@ def test_focus_is_shown_photo_by_photo(chromium: Any, tmp_path: Path) -> None:
         bench=BenchConfig(truth=str(truth)),
         server=ServerConfig(state_dir=str(tmp_path / "state")),
     )
+
+
+@pytest.mark.long
+def test_focus_is_shown_photo_by_photo(chromium: Any, tmp_path: Path) -> None:
+    config = _card_bench(tmp_path)
     with bench(tmp_path, config) as here, page(chromium, here) as opened:
         opened.locator("#focus:enabled").click()
         card = opened.locator("#attention-text", has_text="white card")

@@ -124,7 +124,7 @@ def test_a_larger_window_is_told_where_it_fits() -> None:
     )
     leak = 100.0 * float(compute_bench_leak(meeting, 64.0, 0.5))
     assert told[1].startswith(f"window quarter: {leak:.2g} % of the direct light leaks")
-    assert told[2].startswith(f"--window {found} has {4.0 * side**2:.3g} times the light")
+    assert told[2].startswith(f"window {found} has {4.0 * side**2:.3g} times the light")
     assert len(told) == 3
     assert len(explain_bench_fit(rig, (12, 16), found, "full", None)) == 2
     # The shorter side of a cell counts, whichever that is.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
 import threading
 from collections.abc import AsyncGenerator
 from pathlib import Path
@@ -22,7 +23,7 @@ from pdcd.web.asks import ANSWER_S, ENGINE_S, DaemonQueries
 from pdcd.web.door import REQUEST_S, VisitorPlaces
 from pdcd.web.news import News, TooManyPagesError
 from pdcd.web.pages import read_page_files
-from tests.run_folders import finished, job
+from tests.run_folders import cut, finished, job
 from tests.unit.cli.cli_stubs import PLAN
 from tests.unit.web._page import Daemon, Page, on_page, open_page
 
@@ -170,6 +171,12 @@ async def test_runs_pictures_and_reports_are_read_from_the_disk(
     (place / "report.html").write_text("<p>report")
     finished(tmp_path / "captures", job(2))
 
+    noted = "what --parts 4 did"
+    cut(tmp_path / "captures", job(3), {"event": "failed", "message": "take --parts 4"}, note=noted)
+    status, _, body = await page.ask("runs")
+    last = json.loads(body)["runs"].pop(0)["entry"]
+    assert (last["reason"], last["note"]) == ("take parts 4", noted)
+    shutil.rmtree(tmp_path / "captures" / f"{job(3)}.partial")
     status, _, body = await page.ask("runs")
     told = [(run["job"], run["report"]) for run in json.loads(body)["runs"]]
     assert status == 200 and told == [(job(2), False), (job(1), True)]

@@ -92,4 +92,4 @@ def test_labels_say_units() -> None:
     labels = {f["name"]: f["label"] for group in list_form_groups() for f in group["fields"]}
     assert labels["exposure_s"] == "exposure (s)" and labels["radius"] == "radius (cells)"
     assert labels["error"] == "error (share of 1)" and labels["seconds"] == "seconds"
-    assert labels["codes"] == "codes"
+    assert labels["codes"] == "codes" and labels["shift"] == "shift (cells)"
