@@ -26,12 +26,14 @@ def suggest_pair(text: str) -> tuple[str, str] | None:
 def suggest_number(text: str, *, whole: bool = False) -> str:
     """A number that was probably meant, in plain digits; "" where none can be told.
 
-    Units of time become seconds, fractions and percentages numbers, and commas points. `whole` :
-    whether only whole numbers are taken.
+    Units of time and minutes:seconds become seconds, fractions and percentages numbers, and commas
+    points. `whole` : whether only whole numbers are taken.
     """
     shown, found = text.strip().lower(), None
     if match := re.fullmatch(rf"({_NUMBER})\s*({'|'.join(_PER_UNIT)})", shown):
         found = float(match[1]) * _PER_UNIT[match[2]]
+    elif match := re.fullmatch(r"(\d+):([0-5]\d)", shown):
+        found = 60.0 * int(match[1]) + int(match[2])
     elif (match := re.fullmatch(rf"({_NUMBER})/({_NUMBER})", shown)) and float(match[2]):
         found = float(match[1]) / float(match[2])
     elif match := re.fullmatch(rf"({_NUMBER})\s*%+", shown):

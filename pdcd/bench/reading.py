@@ -37,6 +37,8 @@ _MAX_BYTES = 2**20
 _MAX_INTEGER = 2**53
 """Integers stay below this in every message, so that any JSON reader keeps them exactly."""
 
+_FORM = "pdcd config show prints the form of a whole file"
+
 
 class ConfigFault(NamedTuple):
     """One fault: the keys it is about (dotted) and what to do."""
@@ -45,10 +47,13 @@ class ConfigFault(NamedTuple):
     message: str
 
 
-def read_toml(source: Path, what: str, hint: str, *, may_be_pipe: bool = False) -> dict[str, Any]:
+def read_toml(
+    source: Path, what: str, hint: str, *, form: str = _FORM, may_be_pipe: bool = False
+) -> dict[str, Any]:
     """The tables of a TOML file, nothing of them checked but that numbers have at most 64 bits.
 
-    `what` names the file for people, `hint` says what to do where it cannot be read. may_be_pipe :
+    `what` names the file for people, `hint` says what to do where it cannot be read, `form` where
+    it is not TOML. may_be_pipe :
     of the configuration alone: who starts the program may hand it over by one, and waits himself.
     Raises ConfigError for what is no TOML file.
     """
@@ -58,17 +63,18 @@ def read_toml(source: Path, what: str, hint: str, *, may_be_pipe: bool = False) 
                 data = pipe.read(_MAX_BYTES)
         else:
             data = read_file(source, _MAX_BYTES)
-        return parse_toml(data.decode(), source)
+        return parse_toml(data.decode(), source, form)
     except UnsoundFileError as err:
         raise ConfigError(f"cannot read {what} {source}: {err.why}", hint=hint) from err
     except OSError as err:
         raise ConfigError(f"cannot read {what} {source}: {err.strerror}", hint=hint) from err
     except UnicodeDecodeError as err:
-        raise ConfigError(f"{source} is not TOML: {err}") from err
+        raise ConfigError(f"{source} is not TOML: {err}", hint=form) from err
 
 
-def parse_toml(text: str, called: Path | str) -> dict[str, Any]:
-    """The tables of a TOML text, checked as those of a file; `called` names it for people.
+def parse_toml(text: str, called: Path | str, form: str = _FORM) -> dict[str, Any]:
+    """The tables of a TOML text, checked as those of a file; `called` names it for people, `form`
+    says what to do where it is not TOML.
 
     Raises ConfigError.
     """
@@ -77,9 +83,7 @@ def parse_toml(text: str, called: Path | str) -> dict[str, Any]:
     except RecursionError as err:
         raise ConfigError(f"{called} is nested too deeply") from err
     except ValueError as err:  # not TOML, or a number of thousands of digits
-        raise ConfigError(
-            f"{called} is not TOML: {err}", hint="pdcd config show prints the form of a whole file"
-        ) from err
+        raise ConfigError(f"{called} is not TOML: {err}", hint=form) from err
 
 
 def check_integers(table: dict[str, Any], called: Path | str) -> dict[str, Any]:
@@ -105,7 +109,8 @@ def merge_table(base: _S, given: Any, where: str, faults: list[ConfigFault]) -> 
     Keys that cannot be read are left as they are in `base` and reported in `faults`.
     """
     if not isinstance(given, dict):
-        faults.append(ConfigFault((where,), f"{where}: must be a table, not {given!r}"))
+        said = f"{where}: must be a table, not {given!r}; write [{where}]"
+        faults.append(ConfigFault((where,), said))
         return base
     fields = {f.encode_name: f for f in msgspec.structs.fields(base)}
     values: dict[str, Any] = {}

@@ -17,6 +17,7 @@ from pdcd.cli.typed import parse_share
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import read_file
+from pdcd.meant import suggest_word
 from pdcd.protocol.fields import Field, list_request_fields
 
 _MAX_BYTES = 2**20
@@ -47,10 +48,10 @@ def read_batch_table(source: Path) -> list[_Photo]:
 
 def _read_tables(source: Path) -> list[_Photo]:
     """Photos of a TOML file: [[photo]] tables, over what [all] says."""
-    tables = read_toml(source, "the table", _HINT)
+    tables = read_toml(source, "the table", _HINT, form=_HINT)
     shared, listed = tables.pop("all", {}), tables.pop("photo", [])
     if tables or not isinstance(shared, dict) or not isinstance(listed, list):
-        named = ", ".join(tables) or "all, or photo,"
+        named = ", ".join(tables) or "all" * (not isinstance(shared, dict)) or "photo"
         raise ConfigError(
             f"{source}: {named} is not what a batch has",
             hint="write [all] for what all photos share, and [[photo]] for each",
@@ -113,7 +114,9 @@ def _check(photo: _Photo, source: Path, called: str, faults: list[str]) -> _Phot
         if name in fields and isinstance(value, str) and fields[name].is_file(value):
             found[name] = source.absolute().parent / value
     if "goal" not in found:
-        faults.append(f"{called}: goal: must be given, such as indirect")
+        near = suggest_word("goal", (name for name in found if name not in fields))
+        said = f"{near}: no such keyword; is goal meant?" if near else "goal: must be given"
+        faults.append(f"{called}: {said}" + ", such as indirect" * (not near))
         return found
     asked: Mapping[str, Any] = {n: v for n, v in found.items() if n not in ("goal", "config")}
     try:

@@ -17,8 +17,9 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, quality_of, read_summary_value
 from pdcd.words import MethodName
 
-_COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")
-"""Ways of photographing that differ in more than how light is gathered."""
+_COMPARED: tuple[MethodName, ...] = ("multi-image", "nayar", "coded")
+"""Ways of photographing that differ in more than how light is gathered. Those without a mask come
+first: they do fewer goals, and refuse the others before there is any light."""
 
 
 _FIGURES = {
@@ -50,8 +51,8 @@ def compare(args: argparse.Namespace) -> int:
         )
         if result.state != "done":
             return say_result(result, as_json=args.json)
-        rows.append(_compared_row(method, result))
-        results.append(result)
+        rows.insert(0, _compared_row(method, result))
+        results.insert(0, result)
     if args.json:
         say_json({"goal": asked.goal, "methods": rows})
     else:

@@ -96,5 +96,9 @@ def _fail(
         told["error"] = {**to_error_fields(error or PdcdError(text)), "kind": kind}
         with contextlib.suppress(PdcdError, BrokenPipeError):  # stdout may be what went wrong
             write_stdout(encode_json(told).decode() + "\n")
+    if kind == "request":
+        from pdcd.cli.request import name_options
+
+        text = name_options(text)
     write_stderr(f"pdcd: {to_indented_lines(text)}\n")
     return code

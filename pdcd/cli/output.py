@@ -12,6 +12,7 @@ from typing import Any
 from pdcd.api.progress import tell_user
 from pdcd.api.rows import summary_rows
 from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code_of
+from pdcd.cli.request import name_options
 from pdcd.cli.streams import write_stdout
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.files.text import encode_json
@@ -113,7 +114,8 @@ def say_result(result: CaptureResult, *, as_json: bool) -> int:
             device=result.error.get("device"),
             hint=result.error.get("hint"),
         )
-        tell_user(f"pdcd: {error}")
+        refused = (result.error or {}).get("kind") == "request"
+        tell_user(f"pdcd: {name_options(str(error)) if refused else error}")
     if result.state == "failed":
         return exit_code_of((result.error or {}).get("kind"))
     return CANCELLED if result.state == "cancelled" else DONE

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from pdcd.meant import suggest_number, suggest_pair, suggest_word
@@ -35,10 +36,9 @@ class CommandParser(argparse.ArgumentParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As argparse does, but an option that is not known is refused first: what follows it
         would be taken for something else."""
-        if not any(isinstance(a, argparse._SubParsersAction) for a in self._actions):  # noqa: SLF001
-            for word in _list_options(args or ()):
-                if word not in self._option_string_actions:
-                    self._refuse_words([word])
+        for word in _list_options(args or (), self._list_commands()):
+            if word not in self._option_string_actions:
+                self._refuse_words([word])
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
@@ -79,6 +79,11 @@ class CommandParser(argparse.ArgumentParser):
         if action.choices is not None and value not in action.choices:
             words = list(map(str, action.choices))
             listed = suggest_word(str(value), words) or f"one of {', '.join(words)}"
+            if value == "help":
+                listed = f"{self.prog} --help"
+            elif isinstance(action, argparse._SubParsersAction) and Path(value).is_dir():  # noqa: SLF001
+                option = "--state-dir"
+                listed = f"{self.prog} {option} {value}" * (option in self._option_string_actions)
             raise argparse.ArgumentError(action, f"there is no {str(value)!r} (type {listed})")
 
     def _match_argument(self, action: argparse.Action, arg_strings_pattern: str) -> int:
@@ -98,10 +103,25 @@ class CommandParser(argparse.ArgumentParser):
         if word == "%":
             self.error("'%' stands alone (type it behind its number without a space, such as 5%)")
         if not word.startswith("-"):
-            self.error(f"{words[0]!r} is one word too many (type {self.prog} --help)")
-        near = suggest_word(f"--{word.lstrip('-')}", self._option_string_actions)
-        listed = near or f"{self.prog} --help"
+            config = word.endswith(".toml") and "--config" in self._option_string_actions
+            better = f"--config {word}" if config else f"{self.prog} --help"
+            self.error(f"{words[0]!r} is one word too many (type {better})")
+        bare = word.lstrip("-")
+        near = suggest_word(bare, (name.lstrip("-") for name in self._option_string_actions))
+        places = [_say_form(a) for a in self._actions if a.dest == bare and not a.option_strings]
+        listed = f"--{near}" if near else f"{self.prog} --help"
+        if places:
+            listed = f"{self.prog} {places[0]}, without {word}"
         self.error(f"there is no {word} (type {listed})")
+
+    def _list_commands(self) -> set[str]:
+        """Words that begin a command of its own."""
+        return {
+            name
+            for action in self._actions
+            if isinstance(action, argparse._SubParsersAction)  # noqa: SLF001
+            for name in action.choices
+        }
 
     def _describe_missing(self, names: str) -> str:
         """Say what was left out, and how it is typed."""
@@ -125,10 +145,10 @@ class CommandParser(argparse.ArgumentParser):
         return " ".join(["usage:", self.prog, "[OPTIONS]", *places])
 
 
-def _list_options(words: Iterable[str]) -> Iterator[str]:
-    """Names of long options among what was typed."""
+def _list_options(words: Iterable[str], ends: Container[str]) -> Iterator[str]:
+    """Names of long options among what was typed, before the first word that `ends` has."""
     for word in words:
-        if word == "--":
+        if word == "--" or word in ends:
             return
         if re.match(r"--[A-Za-z]", word):
             yield word.partition("=")[0]

@@ -6,6 +6,7 @@ One loop over the fields of `pdcd.protocol.fields`; nothing here knows one of th
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,20 @@ def option_of(field: Field) -> str:
     return "--" + (field.about.option or field.name).replace("_", "-")
 
 
+def name_options(refusal: str) -> str:
+    """A refusal that names fields of a request, with options in their place. Rooms that refuse
+    them do not know how they were asked for."""
+    options = {field.name: option_of(field) for field in list_request_fields().values()}
+    names = "|".join(sorted(options, key=len, reverse=True))
+    lists = rf"\b(needs|takes no|it takes|give) ((?:{names})(?:, (?:{names}))*)\b"
+    first = rf"^({names})(?= \(| is | leaves | must )"
+
+    def rename(found: re.Match[str]) -> str:
+        return f"{found[1]} {', '.join(options[name] for name in found[2].split(', '))}"
+
+    return re.sub(first, lambda found: options[found[1]], re.sub(lists, rename, refusal))
+
+
 def parse_request_options(args: argparse.Namespace) -> CaptureRequest:
     """Check what was typed against the types of a request. Raises ConfigError.
 
@@ -84,12 +99,18 @@ def parse_request_options(args: argparse.Namespace) -> CaptureRequest:
 
 
 def collect_array_files(args: argparse.Namespace) -> dict[str, Path]:
-    """The files that were named, by the request's field; this command opens them itself."""
-    return {
-        name: Path(given)
-        for name, field in list_request_fields().items()
-        if (given := getattr(args, name, None)) is not None and field.is_file(given)
-    }
+    """The files that were named, by the request's field; this command opens them itself.
+
+    Raises ConfigError for what is neither a file nor one of the words that do in its place.
+    """
+    found = {}
+    for name, field in list_request_fields().items():
+        given = getattr(args, name, None)
+        if given is not None and field.is_file(given):
+            found[name] = Path(given)
+            if field.about.worded and not (found[name].suffix or found[name].exists()):
+                raise ConfigError(field.refusal(given, option_of(field)))
+    return found
 
 
 def _value(field: Field, given: Any) -> Any:

@@ -36,6 +36,9 @@ def verify_runs(args: argparse.Namespace) -> int:
 
 
 def _say(run: VerifyReport) -> None:
+    if [(each.path, each.what) for each in run.findings] == [(".", "unreadable")]:
+        say(f"UNREAD   {run.folder}: {run.findings[0].detail}; see pdcd runs for those there are")
+        return
     damaged = any(finding.what != "partial" for finding in run.findings)
     state = "whole  " if run.whole else "DAMAGED" if damaged else "PARTIAL"
     say(f"{state}  {run.folder}: {run.files} files, {run.size_bytes} bytes as they were")

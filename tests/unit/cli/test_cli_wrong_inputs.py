@@ -20,6 +20,8 @@ CONFIGS = {
     "key": "[mask]\nrise = 1",
     "table": "[masks]\nrise_s = 1",
     "none": "mask = [",
+    "photo": '[[photo]]\ngaol = "white"',
+    "plain": 'scene = "open-book"',
     "below": "[mask]\nrise_s = -1",
     "word": '[schedule]\nfamily = "hadamrd"',
     "whole": "[schedule]\ncodes = '64'",
@@ -34,6 +36,11 @@ WRONG: dict[str, tuple[int, str, str]] = {
     # Commands and goals.
     "": (2, "COMMAND", "type one of serve, capture"),
     "fly": (2, "COMMAND", "type one of serve, capture"),
+    "help capture": (2, "COMMAND", "type pdcd --help)"),
+    "--verison": (2, "--verison", "type --version)"),
+    "runs --newest 5": (2, "--newest", "type pdcd runs --help)"),
+    "runs o": (2, "'o'", "type pdcd runs --state-dir o)"),
+    "config check slow.toml": (2, "'slow.toml'", "type --config slow.toml)"),
     "captur indirect": (2, "COMMAND", "type capture)"),
     "capture": (2, "GOAL", f"type one of {ALL_GOALS}"),
     "capture indirec": (2, "GOAL", "type indirect)"),
@@ -52,6 +59,8 @@ WRONG: dict[str, tuple[int, str, str]] = {
     # Options that there are not, and values that were left out.
     "capture indirect --code 64": (2, "--code", "type --codes)"),
     "capture --code 64": (2, "--code", "type --codes)"),
+    "capture --goal indirect": (2, "--goal", "type pdcd capture GOAL, without --goal)"),
+    "capture indirect --iso 100": (2, "--iso", "type pdcd capture --help)"),
     "capture indirect -codes 64": (2, "-codes", "type --codes)"),
     "status --sockt x": (2, "--sockt", "type --socket)"),
     "runs show --jsn": (2, "--jsn", "type --json)"),
@@ -68,6 +77,7 @@ WRONG: dict[str, tuple[int, str, str]] = {
     "capture indirect --family hadamrd": (2, "--family", "type hadamard)"),
     "capture indirect --schedule ful": (2, "--schedule", "type full)"),
     "capture indirect --prior scene:book --local": (2, "prior", "open-book"),
+    "capture indirect --prior gauss --local": (2, "--prior takes", "scene:NAME, decay:CELLS"),
     "capture indirect --prior decay:x --local": (2, "prior", "decay:3"),
     # Numbers.
     "capture indirect --codes many": (2, "--codes", "a whole number from 1 to 65536"),
@@ -82,6 +92,7 @@ WRONG: dict[str, tuple[int, str, str]] = {
     "capture indirect --exposure 30s": (2, "--exposure takes", "type --exposure 30)"),
     "capture indirect --exposure 1/30": (2, "--exposure takes", "type --exposure 0.0333333)"),
     "capture indirect --seconds 2m": (2, "--seconds takes", "type --seconds 120)"),
+    "capture indirect --seconds 1:30": (2, "--seconds takes", "type --seconds 90)"),
     "capture indirect --seconds 0,5": (2, "--seconds takes", "type --seconds 0.5)"),
     "transport --rows 12-20": (2, "--rows takes", "type --rows 12 20)"),
     "capture indirect --pilot some": (2, "--pilot takes", "4096 or auto"),
@@ -95,13 +106,15 @@ WRONG: dict[str, tuple[int, str, str]] = {
     # Texts and files.
     "capture indirect --name a/b": (2, "--name takes", "letters, digits"),
     "capture indirect --tag 'two words'": (2, "--tag takes", "letters, digits"),
-    "capture illuminated --illumination no.png --local": (2, "illumination", "see whether it is"),
-    "capture indirect --codes-from slow.toml --local": (2, "codes_from", "numpy.savez"),
+    "capture illuminated --illumination no.png --local": (2, "--illumination", "see whether it is"),
+    "capture indirect --codes-from slow.toml --local": (2, "--codes-from", "numpy.savez"),
     "capture indirect --config gone.toml": (2, "--config", "give an existing file"),
     "capture indirect --config o": (2, "--config", "give an existing file"),
     # What goes with nothing else that was typed.
-    "capture white --radius 3 --local": (2, "radius", "leave it out"),
-    "capture long-range --local": (2, "radius", "give radius, which takes a whole number"),
+    "capture white --radius 3 --local": (2, "takes no --radius", "leave it out"),
+    "capture long-range --local": (2, "--radius", "give --radius, which takes a whole number"),
+    "capture indirect --out slow.toml --local": (2, "--out", "name another folder"),
+    "compare white --local": (2, "white", "it does direct, indirect, fraction"),
     "capture indirect --local --detach": (2, "--detach", "no daemon"),
     "runs prune": (2, "runs", "--older-than, --failed and --keep"),
     "web --host 0.0.0.0": (2, "0.0.0.0", "leave --host out"),
@@ -111,6 +124,8 @@ WRONG: dict[str, tuple[int, str, str]] = {
     "export o --format exr": (5, "o holds runs", "such as o/20260102T000000Z-0000"),
     "decode gone": (5, "gone", "see pdcd runs"),
     "report slow.toml": (5, "slow.toml is a file", "name the folder"),
+    "batch slow.toml --local": (2, "mask", "[[photo]] for each"),
+    "batch photo.toml --local": (2, "gaol", "is goal meant?"),
     "runs show nope": (2, "nope", "see pdcd runs"),
     # Configurations.
     "config check --config slow.toml": (2, "mask.rise_s", "write 0.004"),
@@ -118,6 +133,7 @@ WRONG: dict[str, tuple[int, str, str]] = {
     "config check --config unit.toml": (2, "mask.rise_s", "write rise_s = 0.004"),
     "config check --config key.toml": (2, "mask.rise", "is rise_s meant?"),
     "config check --config table.toml": (2, "masks", "is mask meant?"),
+    "config check --config plain.toml": (2, "scene", "write [scene]"),
     "config check --config none.toml": (2, "none.toml", "pdcd config show"),
     "config check --config below.toml": (2, "mask.rise_s", ">= 0"),
     "config check --config word.toml": (2, "schedule.family", 'write family = "hadamard"'),
@@ -154,7 +170,7 @@ def test_a_wrong_input_is_answered_in_two_lines(
     last = lines[-1] if lines[-1].startswith("pdcd") else " ".join(lines)
     assert named in last and advice in last, last
     if len(lines) == 2 and lines[0].startswith("usage"):
-        command = "" if named == "COMMAND" else line.split()[0]
+        command = "" if named == "COMMAND" or line.startswith("-") else line.split()[0]
         assert lines[0].startswith(f"usage: pdcd {command}")
 
 
