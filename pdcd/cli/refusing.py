@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pdcd.meant import suggest_number, suggest_pair, suggest_word
-from pdcd.printable import to_one_line
+from pdcd.printable import to_one_line, write_stderr
 
 _PLAIN = {
     "int": "a whole number",
@@ -49,7 +49,9 @@ class CommandParser(argparse.ArgumentParser):
             text = self._describe_missing(missing[1])
         elif "(" not in text:
             text += f" (type {self.prog} --help)"
-        self.exit(2, f"{self._shorten_usage()}\n{self.prog}: {to_one_line(text)}\n")
+        # argparse's own way of saying it fails where nobody reads, in Debian 12.
+        write_stderr(f"{self._shorten_usage()}\n{self.prog}: {to_one_line(text)}\n")
+        self.exit(2)
 
     def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
         """Values of an option, as their type has them. argparse takes "--" out of them as if it

@@ -28,6 +28,7 @@ class CompleteNotify(ctypes.LittleEndianStructure):
     """xcb_present_complete_notify_event_t; libxcb puts full_sequence at byte 32 of any event."""
 
     _pack_ = 1
+    _layout_ = "ms"  # which goes with it, and has to be said from Python 3.14 on
     _fields_ = (
         ("response_type", ctypes.c_uint8),
         ("extension", ctypes.c_uint8),

@@ -24,6 +24,7 @@ from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.protocol.request import CaptureRequest
 from tests import whole_rig, x11_rig
+from tests.tools import needs
 from tests.unit.setup import bench_facts
 from tests.xserver import QUARTER, XServer, run
 
@@ -197,6 +198,7 @@ def test_a_machine_without_panels_gets_a_mock_bench_that_works(
     assert main(["config", "check"]) == 0
 
 
+@needs("libusb")
 @pytest.mark.usefixtures("adapter")
 def test_a_desk_is_told_how_its_panels_become_a_service(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -83,7 +83,7 @@ def test_the_best_format_is_taken(offered: tuple[str, ...], chosen: str | None) 
 
 @pytest.mark.parametrize("name", ["Mono10p", "Mono12p", "BayerRG12p", "BayerGB10p"])
 def test_one_maker_of_cameras_unpacks_them_alike(name: str) -> None:
-    ipl: Any = pytest.importorskip("ids_peak_ipl.ids_peak_ipl")
+    ipl: Any = pytest.importorskip("ids_peak_ipl.ids_peak_ipl", exc_type=ImportError)
     known, rng = BY_NAME[name], np.random.default_rng(7)
     samples = rng.integers(0, 1 << known.bits, (6, 8)).astype(np.uint16)
     data = bytearray(pack_samples(samples, known))  # which the image does not keep
@@ -97,7 +97,7 @@ def test_one_maker_of_cameras_unpacks_them_alike(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["Mono10p", "Mono12p", "Mono12Packed"])
 def test_another_maker_unpacks_them_alike(name: str) -> None:
-    pylon: Any = pytest.importorskip("pypylon.pylon")
+    pylon: Any = pytest.importorskip("pypylon.pylon", exc_type=ImportError)
     known, rng = BY_NAME[name], np.random.default_rng(8)
     data = pack_samples(rng.integers(0, 1 << known.bits, (6, 8)).astype(np.uint16), known)
     code = getattr(pylon, f"PixelType_{name.replace('Packed', 'packed')}")

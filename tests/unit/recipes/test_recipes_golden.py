@@ -82,6 +82,9 @@ GOALS: dict[str, tuple[str, dict[str, Any]]] = {
     "relit, rank": ("relit", {"matrix": RNG.random((N, 2)) @ RNG.standard_normal((2, N))}),
 }  # fmt: skip
 MATRICES = ("matrix", "kernel")
+UNTOLD = "relit, rank"
+"""Two patterns times two: turned into each other they do as well, and which come out hangs on the
+library. `test_composed` has their product."""
 
 
 def target(name: str, given: dict[str, Any]) -> Target:
@@ -103,7 +106,7 @@ def shown(recipe: Recipe) -> Iterator[Any]:
             yield [side.astype(np.float64) for side in program.pairs(bits, lattice)]
 
 
-def told(recipe: Recipe) -> Any:
+def told(recipe: Recipe, *, panels: bool = True) -> Any:
     photos = [
         [p.name, p.shots, p.row_weights, p.beyond, p.wanted.by_direct, p.wanted.by_light,
          p.wanted.dense()]
@@ -111,7 +114,8 @@ def told(recipe: Recipe) -> Any:
     ]  # fmt: skip
     shots = [dataclasses.astuple(shot) for shot in recipe.shots]
     rules = {name: repr(rule) for name, rule in recipe.pictures.items()}
-    return [photos, shots, rules, recipe.stack, list(shown(recipe)), recipe.split]
+    seen = list(shown(recipe)) if panels else []
+    return [photos, shots, rules, recipe.stack, seen, recipe.split]
 
 
 def goals() -> Any:
@@ -120,7 +124,8 @@ def goals() -> Any:
         for black in ("none", "both"):
             if goal != "transport" or black == "none":
                 how = CaptureScheme(codes=64, black_level=black)
-                made[f"{name}, {black}"] = told(make_recipe(target(goal, given), how))
+                recipe = make_recipe(target(goal, given), how)
+                made[f"{name}, {black}"] = told(recipe, panels=name != UNTOLD)
     return made
 
 

@@ -139,7 +139,7 @@ def test_a_manifest_that_could_not_be_read_again_is_not_written(
         (b"[1]", "Expected `object`"),
         (b'{"schema": 1}', "missing required field"),
         (b"\xff", "damaged"),
-        (b'{"a":' + b"[" * 10_000 + b"]" * 10_000 + b"}", "damaged"),
+        (b'{"a":' + b"[" * 200_000 + b"]" * 200_000 + b"}", "damaged"),
     ],
 )
 def test_a_manifest_that_is_none_is_damaged(data: bytes, words: str) -> None:

@@ -173,7 +173,7 @@ HOSTILE: list[tuple[str, Callable[[], bytes], str]] = [
     ("members that nobody knows", lambda: wide(70_000), "unknown field"),
     ("members within a field", lambda: b'{"goal":' + wide(70_000) + b"}", "goal: it takes"),
     ("an array of arrays", lambda: b'{"goal":"white","seed":[' + b"[]," * 300_000 + b"0]}", "seed"),
-    ("a deep one", lambda: b'{"goal":' + b"[" * 400_000 + b"]" * 400_000 + b"}", "recursion"),
+    ("a deep one", lambda: b'{"goal":' + b"[" * 400_000 + b"]" * 400_000 + b"}", "not a JSON text"),
     ("a long text", lambda: b'{"goal":"' + b"x" * 900_000 + b'"}', "goal: it takes"),
     ("the same member", lambda: b'{"goal":1' + b',"goal":1' * 90_000 + b"}", "goal: it takes"),
     ("numbers without end", lambda: b'{"goal":"white","seed":' + b"9" * 900_000 + b"}", "seed"),
