@@ -7,6 +7,8 @@ import pytest
 
 pytest.importorskip("drivers.virtual_genicam.bench", reason="Aravis IS MISSING (libaravis-0.8-0)")
 
+import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.sensor.raw import read_raw
+from pdcd.words import KeepRawName
 from tests import bench_rig
 from tests.genicam_rig import needs_aravis, turn
 
@@ -37,11 +40,16 @@ def _alone() -> Iterator[None]:
 
 
 def engine_of(
-    folder: Path, driver: str, options: dict[str, Any], profile: str = "modern", **tables: Any
+    folder: Path,
+    driver: str,
+    options: dict[str, Any],
+    profile: str = "modern",
+    keep: KeepRawName = "all",
+    **tables: Any,
 ) -> Engine:
     folder.mkdir()
     camera = CameraConfig(
-        driver=driver, noise="none", f_number=8.0, options=options, profile=profile
+        driver=driver, noise="none", f_number=8.0, options=options, profile=profile, keep=keep
     )
     engine = Engine(
         bench_rig.config(
@@ -97,6 +105,31 @@ def test_photos_are_those_of_the_mock_camera(
             assert np.array_equal(frame.black, expected[photo].black)
             # Longer by the margin, in which panels were black.
             assert frame.exposure_s > expected[photo].exposure_s
+
+
+def test_photos_that_are_not_kept_need_no_file(tmp_path: Path) -> None:
+    """Nothing is written but the run, and of that nothing has a photo in it."""
+    written: list[str] = []
+    hears = [True]
+
+    def hear(event: str, words: tuple[Any, ...]) -> None:
+        # A hook stays for good: it must cost nothing afterwards.
+        if hears and event == "open" and isinstance(words[0], str | bytes | int):
+            mode, flags = words[1] or "", words[2] or 0
+            if set(mode) & set("wax+") or flags & (os.O_WRONLY | os.O_RDWR):
+                written.append(os.fsdecode(words[0]) if not isinstance(words[0], int) else "")
+
+    engine = engine_of(tmp_path / "none", "virtual-genicam", {}, keep="none")
+    sys.addaudithook(hear)
+    result = take(engine)
+    hears.clear()
+    assert result.state == "done" and result.folder is not None, result.error
+    names = {Path(path).name for path in written if path}
+    assert {"frames.csv", "probe.npz", "indirect.tif"} <= names
+    assert not [name for name in names if name.endswith((".dng", ".raw"))]
+    assert list((Path(result.folder) / "raw").iterdir()) == []
+    known = {path.name for path in Path(result.folder).rglob("*")}
+    assert {name.removesuffix(".new").removesuffix(".tmp") for name in names} <= known, names
 
 
 def test_a_photo_that_was_lost_is_taken_again(tmp_path: Path) -> None:
