@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +36,24 @@ if TYPE_CHECKING:
 
 
 _SECOND_NS = 1_000_000_000
-_OF_EXPOSURES = ("frames", "log", "open_ns", "close_ns", "unsettled")
+_OF_EXPOSURES = ("open_ns", "close_ns", "unsettled")
 """What a live view leaves as it was."""
+
+
+class WatchedPanels(Protocol):
+    """Panels before the bench that are not the mock's, and of which it knows what they showed."""
+
+    def expose(self, *, active: bool, at_ns: int) -> None:
+        """The camera's line says that the shutter is open, or closed, from then on."""
+        ...
+
+    def show_between(self, open_ns: int, close_ns: int) -> tuple[Frames, FrameLog]:
+        """What both showed, rows that began before the opening included."""
+        ...
+
+    def find_standing(self) -> Frames | None:
+        """What both show now, in one row; None is black."""
+        ...
 
 
 @dataclass
@@ -62,6 +78,8 @@ class MockBench:
     second: bool = False
     """Whether the second bucket of the sensor is read (`pdcd.panels.frames`)."""
     shared: SharedState = field(default_factory=SharedState)
+    panels: WatchedPanels | None = None
+    """Where they are not the mock's own, and not only known by what the rig says of them."""
     _held: tuple[Frames | None, NDArray[np.float64]] | None = field(default=None, repr=False)
     """What a display held last for a live view, and the light of it."""
 
@@ -104,6 +122,8 @@ class MockBench:
         self.frames = self.log = None
         self.shared.played = self.shared.pixels = None
         self.shutter_open = True
+        if self.panels is not None:
+            self.panels.expose(active=True, at_ns=open_ns)
 
     def close_shutter(self, close_ns: int) -> None:
         """The exposure ends then."""
@@ -111,6 +131,8 @@ class MockBench:
             self._check_settled("closed", close_ns)
         self.close_ns = close_ns
         self.shutter_open = False
+        if self.panels is not None:
+            self.panels.expose(active=False, at_ns=close_ns)
 
     def exposed_ns(self) -> tuple[int, int]:
         """When the last exposure began and ended: by the bench's own shutter, or by another.
@@ -170,13 +192,13 @@ class MockBench:
     def held_light(self) -> NDArray[np.float64]:
         """Light at the camera's quads while the display holds what it does, black or a picture:
         (rows, cols, 3) float64 in scene units, worked out once for each picture."""
-        held = self.shared.held
+        held = self.shared.held if self.panels is None else self.panels.find_standing()
         if self._held is None or self._held[0] is not held:
             kept = {name: getattr(self, name) for name in _OF_EXPOSURES}
-            self.frames, self.log = (held, _hold()) if held else _nothing(self.grid, 0)
+            frames, log = (held, _hold()) if held else _nothing(self.grid, 0)
             self.open_ns, self.close_ns, self.unsettled = 0, _SECOND_NS, ""
             try:
-                self._held = held, self._exposed_quads()
+                self._held = held, self._exposed_quads(self._to_bucket(frames), log)
             finally:
                 vars(self).update(kept)
         return self._held[1]
@@ -184,20 +206,19 @@ class MockBench:
     def quads(self) -> NDArray[np.float64]:
         """Light of the last exposure at the camera's quads, (rows, cols, 3) float64 in scene units
         times seconds. Raises ExposureError as `photo` does."""
-        if self.shared.held is not None:
+        if self.shared.held is not None and self.panels is None:
             open_ns, close_ns = self.exposed_ns()
             return self.held_light() * ((close_ns - open_ns) * 1e-9)
-        return self._exposed_quads()
+        return self._exposed_quads(*self._played())
 
-    def _exposed_quads(self) -> NDArray[np.float64]:
+    def _exposed_quads(self, frames: Frames, log: FrameLog) -> NDArray[np.float64]:
         open_ns, close_ns = self.exposed_ns()
-        frames, log = self._played(open_ns)
         if not (self.shared.moving and frames.of_pixels):
             self._check_photo()
         optics = self.optics or self._finer_optics(frames)
         if optics is None:
             per_cell = self.config.camera.quads_per_cell
-            cells = self.photo().reshape(*self.grid, 3)
+            cells = self._photo(frames, log).reshape(*self.grid, 3)
             return cells.repeat(per_cell, axis=0).repeat(per_cell, axis=1)
         if self.shared.pixels is not None:
             raise ExposureError(
@@ -216,10 +237,9 @@ class MockBench:
             covered=self.shared.covered,
             lights_off=self.exposures < self.truth.scene.ambient_from,
         )
-        if not self.shared.moving or not len(log):
+        start_ns = _find_start_ns(log, open_ns)
+        if start_ns == open_ns:
             return optics.photo(exposure)
-        # The panels were not black at the opening: all since they were, less what came before.
-        start_ns = min(open_ns, int(log.primal_ns[0]), int(log.dual_ns[0]))
         whole, before = (
             optics.photo(replace(exposure, open_ns=start_ns, close_ns=end_ns))
             for end_ns in (close_ns, open_ns)
@@ -249,10 +269,21 @@ class MockBench:
         panels had settled to black.
         """
         self._check_photo()
+        return self._photo(*self._played())
+
+    def _photo(self, frames: Frames, log: FrameLog) -> NDArray[np.float64]:
         open_ns, close_ns = self.exposed_ns()
+        start_ns = _find_start_ns(log, open_ns)
+        light = self._cell_light(frames, log, start_ns, close_ns)
+        if start_ns < open_ns:
+            light -= self._cell_light(frames, log, start_ns, open_ns)
+        return light
+
+    def _cell_light(
+        self, frames: Frames, log: FrameLog, open_ns: int, close_ns: int
+    ) -> NDArray[np.float64]:
         projector, mask = self.true.projector, self.true.mask
         light = np.zeros((self.scene.cells, 3))
-        frames, log = self._played(open_ns)
         shown = self.shared.pixels
         if shown is None:
             parts = compute_bench_factors(
@@ -286,13 +317,26 @@ class MockBench:
                 self.unsettled, device="shutter", hint="wait for rig.settle_s on black panels"
             )
 
-    def _played(self, open_ns: int) -> tuple[Frames, FrameLog]:
-        """What the panels showed in the last exposure; the mask, to the bucket that is read."""
-        if self.frames is None or self.log is None:  # not the mock's display: the rig knows
-            frames, log = self.shared.played or _nothing(self.grid, open_ns)
+    def _played(self) -> tuple[Frames, FrameLog]:
+        """What the panels showed in the last exposure, to the bucket that is read."""
+        if self.panels is not None:
+            frames, log = self.panels.show_between(*self.exposed_ns())
+        elif self.frames is None or self.log is None:  # not the mock's display: the rig knows
+            frames, log = self.shared.played or _nothing(self.grid, self.exposed_ns()[0])
         else:
             frames, log = self.frames, self.log
-        return (invert_mask_patterns(frames) if self.second else frames), log
+        return self._to_bucket(frames), log
+
+    def _to_bucket(self, frames: Frames) -> Frames:
+        """The frames as the bucket sees them that is read."""
+        return invert_mask_patterns(frames) if self.second else frames
+
+
+def _find_start_ns(log: FrameLog, open_ns: int) -> int:
+    """When panels were last black: at the opening, or before their first row where that began
+    earlier. All light since then, less what came before the opening, is that of the exposure."""
+    firsts = (int(starts[0]) for starts in (log.primal_ns, log.dual_ns) if starts.size)
+    return min(open_ns, *firsts) if len(log) else open_ns
 
 
 def _hold() -> FrameLog:
