@@ -50,6 +50,7 @@ DRIVERS: Mapping[tuple[str, str], str] = {
     ("preview", "mock"): f"{PACKAGE}.mock.finder:MockPreview",
     ("preview", "ptp"): f"{PACKAGE}.ptp.finder:PtpPreview",
     ("usb", "virtual"): f"{PACKAGE}.virtual_camera:BenchUsb",
+    ("usb", "virtual-dlpc900"): f"{PACKAGE}.virtual_dlpc900:BenchDmdUsb",
 }
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""
 

@@ -1,0 +1,423 @@
+"""The virtual DLPC900: a state machine that takes reports and answers them as the controller does.
+
+It has no connection of its own: `drivers.virtual_dlpc900.usb_bus` puts it on a pyusb backend, and a
+stand-in for another library may call `write_report` and `read_report` itself. Its lines are driven
+by `drive_line`; what its mirrors showed is told by `sequencer`.
+
+Modelled: framing and replies; which commands are allowed when, in the order number, length, mode,
+parameters; power, idle mirrors, resets; video, flash, video-pattern and on-the-fly mode; images to
+one controller or two; the LUT, its configuration and reordering; triggers both ways. Its mirrors
+have a power supply of their own: a sequence goes on when the plug is out.
+
+Not modelled: patterns of several bits, LEDs, blocks, flips and inversion, what video looks like
+(video-pattern mode is dark), flash beyond one pattern, batch files, I2C, firmware updates, the
+settling of mirrors (panels have rise and fall times for that).
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from typing import ClassVar, Literal, NamedTuple
+
+from pdcd.driver import Clock
+
+from .memory import PatternMemory
+from .model import (
+    DmdRegister,
+    RefusalCode,
+    RefusedError,
+    VirtualDmdFault,
+    VirtualDmdModel,
+    VirtualDmdOptions,
+)
+from .registers import REGISTER_LENGTHS, TRIGGER_REGISTERS, DmdRegisters
+from .reports import ReportAssembler, TakenCommand
+from .sequencer import DmdSequencer, PlayedContent, PlayedEntry, PlayedProgram
+
+_VIDEO, _FLASH, _VIDEO_PATTERN, _ON_THE_FLY = range(4)
+_NORMAL, _STANDBY, _RESET = range(3)
+_STOP, _PAUSE, _START = range(3)
+_BOOT_NS = 3_000_000_000
+_LOCKING_NS = 300_000_000
+"""From the order for video-pattern mode until it is there."""
+_IDLE_US = 105
+_TEXT_BYTES = 60
+_VERSION = struct.pack("<HBB", 0, 0, 6) * 4
+_TAG = b"virtual"
+
+
+class _Command(NamedTuple):
+    """What is done with one command; `length` of its data, None for any."""
+
+    write: Callable[[VirtualDlpc900, bytes], None] | None = None
+    length: int | None = 1
+    read: Callable[[VirtualDlpc900], bytes] | None = None
+
+
+class VirtualDlpc900:
+    """One controller with its mirrors. Safe for several threads.
+
+    reports : that came and went. unplug_at : the report at which the plug is pulled.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        model: VirtualDmdModel,
+        serial: str,
+        options: VirtualDmdOptions | None = None,
+        faults: Sequence[VirtualDmdFault] = (),
+    ) -> None:
+        self.clock, self.model, self.serial = clock, model, serial
+        self.options = options or VirtualDmdOptions()
+        self.faults = tuple(faults)
+        self.reports = 0
+        self.unplug_at: int | None = None
+        self.plugged_again = 0
+        self.hung_until_ns = 0
+        """Until then no report goes either way."""
+        self.sequencer = DmdSequencer(self.options)
+        self.memory = PatternMemory(model, self.options)
+        self._lock = threading.RLock()
+        self._assembler = ReportAssembler()
+        self._replies: deque[bytes] = deque(maxlen=self.options.replies_kept)
+        self._held: bytes | None = None
+        self._calls: Counter[int] = Counter()
+        self._out, self._gone_until_ns = False, 0
+        self._locks_ns: int | None = None
+        self._acked = False
+        self._abort_after: int | None = None
+        self._code = 0
+        self._registers = DmdRegisters(model.least_exposure_us)
+        self._boot(clock.now_ns())
+
+    # The plug
+
+    @property
+    def plugged(self) -> bool:
+        """Whether it is on the USB."""
+        return not self._out and self.clock.now_ns() >= self._gone_until_ns
+
+    def unplug(self) -> None:
+        """Pull the plug of the USB."""
+        with self._lock:
+            self._out = True
+            self._forget_reports()
+
+    def replug(self) -> None:
+        """Put it back."""
+        self._out = False
+        self.plugged_again += 1
+
+    def restart(self) -> None:
+        """Switch it off and on: it is away for some seconds, and begins with what is in its
+        flash."""
+        with self._lock:
+            now_ns = self.clock.now_ns()
+            self._gone_until_ns = now_ns + _BOOT_NS
+            self.plugged_again += 1
+            self.sequencer.darken(now_ns)
+            self._boot(self._gone_until_ns)
+
+    def _boot(self, at_ns: int) -> None:
+        self._forget_reports()
+        self._mode, self._locks_ns = _FLASH, None
+        self._power, self._idle = _NORMAL, False
+        self._error, self._text = RefusalCode.NONE, bytearray(_TEXT_BYTES)
+        self._registers.forget()
+        self.memory.forget()
+        if self.options.startup:
+            shown = PlayedEntry(1_000_000, 0, False, False, False, 0, 0)
+            self.sequencer.start(at_ns, PlayedProgram([shown], [0], [self.memory.startup], 0))
+
+    # Reports
+
+    def count_report(self) -> None:
+        """One report went either way; at one of them the plug may be pulled."""
+        self.reports += 1
+        if self.unplug_at is not None and self.reports >= self.unplug_at:
+            self.unplug_at = None
+            self.unplug()
+
+    def write_report(self, report: bytes) -> None:
+        """Take a report; a command that is whole is done."""
+        with self._lock:
+            command = self._assembler.add(report)
+            if command is not None:
+                self._take(command)
+
+    def read_report(self) -> bytes | None:
+        """The next reply, 64 bytes; None where there is none."""
+        with self._lock:
+            return self._replies.popleft() if self._replies else None
+
+    def leave_stale(self, *sequences: int) -> None:
+        """Replies of commands long ago wait to be fetched."""
+        self._replies += [bytes([0x40, number]).ljust(64, b"\0") for number in sequences]
+
+    def _forget_reports(self) -> None:
+        self._assembler.forget()
+        self._replies.clear()
+        self._held = None
+
+    def _take(self, command: TakenCommand) -> None:
+        fault = self._meet(command.code)
+        kind = None if fault is None else fault.kind
+        if fault is not None and kind == "busy":
+            self.hung_until_ns = self.clock.now_ns() + round(fault.seconds * 1e9)
+        if kind == "unplug":
+            return self.unplug()
+        if kind == "reset":
+            return self.restart()
+        if kind == "deaf":
+            return
+        reply = self._answer(command, fault)
+        if not command.wants_reply or kind == "mute" or not self.plugged:
+            return
+        held, self._held = self._held, None
+        if kind == "late":
+            self._held = reply
+            return
+        self._replies.append(reply)
+        if held is not None:
+            self._replies.append(held)
+
+    def _meet(self, code: int) -> VirtualDmdFault | None:
+        self._calls[code] += 1
+        call = self._calls[code]
+        for fault in self.faults:
+            if fault.command == code and fault.first <= call < fault.first + fault.times:
+                return fault
+        return None
+
+    def _answer(self, command: TakenCommand, fault: VirtualDmdFault | None) -> bytes:
+        """Do it, and say how that went."""
+        now_ns = self.clock.now_ns()
+        self.sequencer.settle(now_ns)
+        if self._locks_ns is not None and now_ns >= self._locks_ns:
+            self._mode, self._locks_ns = _VIDEO_PATTERN, None
+        asks = command.code in (DmdRegister.ERROR_CODE, DmdRegister.ERROR_TEXT)
+        try:
+            data = self._do(command, fault)
+        except RefusedError as refusal:
+            text = str(refusal).encode()[: _TEXT_BYTES - 1] + b"\0"
+            self._text[: len(text)] = text
+            self._error = refusal.code
+            return command.answer(failed=True)
+        if not asks:
+            self._error = RefusalCode.NONE
+        return command.answer(data)
+
+    def _do(self, command: TakenCommand, fault: VirtualDmdFault | None) -> bytes:
+        if fault is not None and fault.kind == "error":
+            raise RefusedError(fault.code)
+        found = self._commands.get(command.code)
+        if found is None or command.for_others:
+            raise RefusedError(RefusalCode.UNKNOWN_COMMAND, f"command {command.code:04x}")
+        self._code = command.code
+        if command.reads:
+            if found.read is None:
+                raise RefusedError(RefusalCode.UNKNOWN_COMMAND, f"{command.code:04x} is not read")
+            return found.read(self)
+        if found.write is None:
+            raise RefusedError(RefusalCode.UNKNOWN_COMMAND, f"{command.code:04x} is not written")
+        length = REGISTER_LENGTHS.get(command.code, found.length)
+        if command.too_long or length not in (None, len(command.data)):
+            raise RefusedError(RefusalCode.PARAMETER, f"{len(command.data)} bytes of data")
+        self._acked = command.wants_reply
+        aborts = fault is not None and fault.kind == "abort"
+        self._abort_after = fault.patterns if fault is not None and aborts else None
+        found.write(self, command.data)
+        return b""
+
+    # Power and modes
+
+    def _set_power(self, data: bytes) -> None:
+        if data[0] > _RESET:
+            raise RefusedError(RefusalCode.PARAMETER)
+        if data[0] == _RESET:
+            return self.restart()
+        if data[0] != self._power:
+            self._power, self._idle = data[0], False
+            self.sequencer.darken(self.clock.now_ns())
+
+    def _set_idle(self, data: bytes) -> None:
+        if data[0] > 1:
+            raise RefusedError(RefusalCode.PARAMETER)
+        now_ns = self.clock.now_ns()
+        if self._idle:
+            self.sequencer.darken(now_ns)
+        self._idle = False
+        self._require(stopped=True, powered=True)
+        if data[0]:
+            turn = PlayedEntry(_IDLE_US, 0, False, False, False, 0, 0)
+            planes = [self.memory.white, None]
+            self.sequencer.start(now_ns, PlayedProgram([turn, turn], [0, 1], planes, 0))
+            self._idle = True
+
+    def _set_mode(self, data: bytes) -> None:
+        mode = data[0]
+        if mode > _ON_THE_FLY:
+            raise RefusedError(RefusalCode.PARAMETER)
+        self._require(stopped=True, powered=True)
+        if mode == self._mode:
+            self._locks_ns = None
+            return
+        if mode == _VIDEO_PATTERN:
+            if self._mode != _VIDEO or not self.options.source_locked:
+                raise RefusedError(
+                    RefusalCode.WRONG_MODE, "from video mode with a locked source only"
+                )
+            self._locks_ns = self.clock.now_ns() + _LOCKING_NS
+        else:
+            self._mode, self._locks_ns = mode, None
+        self.memory.forget()
+
+    def _require(self, *modes: int, stopped: bool = False, powered: bool = False) -> None:
+        """Refuse a command that is not allowed now."""
+        if powered and self._power != _NORMAL:
+            raise RefusedError(RefusalCode.WRONG_MODE, "the mirrors are parked")
+        if modes and self._mode not in modes:
+            raise RefusedError(RefusalCode.WRONG_MODE, f"not in mode {self._mode}")
+        if stopped and not self.sequencer.stopped:
+            raise RefusedError(RefusalCode.WRONG_MODE, "stop the sequence first")
+
+    def _run(self, data: bytes) -> None:
+        now_ns = self.clock.now_ns()
+        if data[0] > _START:
+            raise RefusedError(RefusalCode.PARAMETER)
+        if data[0] == _STOP:
+            if not self._idle:
+                self.sequencer.stop(now_ns)
+            return
+        self._require(_FLASH, _VIDEO_PATTERN, _ON_THE_FLY, powered=True)
+        if self._idle:
+            raise RefusedError(RefusalCode.WRONG_MODE, "the mirrors are idle")
+        if data[0] == _PAUSE:
+            return self.sequencer.pause(now_ns)
+        if not self.memory.entries:
+            raise RefusedError(RefusalCode.DEFINITION, "no entries are configured")
+        self.sequencer.start(now_ns, self._make_program(), self._abort_after)
+
+    def _make_program(self) -> PlayedProgram:
+        return self.memory.make_program(dark=self._mode == _VIDEO_PATTERN)
+
+    # The LUT
+
+    def _define(self, data: bytes) -> None:
+        self._require(_FLASH, _VIDEO_PATTERN, _ON_THE_FLY, stopped=True, powered=True)
+        self.memory.define(data, in_flash=self._mode == _FLASH)
+
+    def _configure(self, data: bytes) -> None:
+        self._require(_FLASH, _VIDEO_PATTERN, _ON_THE_FLY, stopped=True, powered=True)
+        count, most = struct.unpack("<HI", data)
+        self.memory.configure(count & 0x7FF, most)
+
+    def _reorder(self, data: bytes) -> None:
+        self._require(_FLASH, _ON_THE_FLY, stopped=True, powered=True)
+        if len(data) < 8 or len(data) % 2:
+            raise RefusedError(RefusalCode.PARAMETER, f"{len(data)} bytes of data")
+        count, most = struct.unpack_from("<HI", data)
+        order = struct.unpack_from(f"<{(len(data) - 6) // 2}H", data, 6)
+        if count & 0x7FF != len(order):
+            raise RefusedError(RefusalCode.PARAMETER, f"{count} entries stated of {len(order)}")
+        self.memory.reorder(order, most)
+
+    # Images
+
+    def _begin_image(self, data: bytes, half: int = 0) -> None:
+        self._require(_ON_THE_FLY, stopped=True, powered=True)
+        index, length = struct.unpack("<HI", data)
+        self.memory.begin_image(half, index & 0x1F, length)
+
+    def _load(self, data: bytes, half: int = 0) -> None:
+        self._require(_ON_THE_FLY, stopped=True, powered=True)
+        self.memory.add_data(half, data, acked=self._acked)
+
+    # Lines
+
+    def drive_line(self, number: Literal[1, 2], level: bool, at_ns: int) -> None:
+        """Set the level of TRIG_IN_1 or TRIG_IN_2 at that time."""
+        with self._lock:
+            begins = self._registers.drive(number, level)
+            if begins is None:
+                return
+            self.sequencer.settle(at_ns)
+            if number == 1:
+                if begins:
+                    self.sequencer.trigger(at_ns, self._registers.delay_us)
+                return
+            ready = self._power == _NORMAL and not self._idle
+            if not begins and ready and self.sequencer.active:
+                self.sequencer.stop(at_ns)
+            elif begins and ready and self.memory.entries:
+                self.sequencer.start(at_ns, self._make_program())
+
+    def list_pulses(
+        self, number: Literal[1, 2], low_ns: int, high_ns: int
+    ) -> list[tuple[int, int]]:
+        """When TRIG_OUT_1 or TRIG_OUT_2 became active and inactive, of patterns of that time."""
+        with self._lock:
+            delays_us = self._registers.delays_us(number)
+            return self.sequencer.list_pulses(number, low_ns, high_ns, delays_us)
+
+    def list_changes(self, low_ns: int, high_ns: int) -> list[tuple[int, PlayedContent]]:
+        """What its mirrors showed from `low_ns` on, and each change before `high_ns`."""
+        with self._lock:
+            return self.sequencer.list_changes(low_ns, high_ns)
+
+    def find_content(self) -> PlayedContent:
+        """What they show now."""
+        with self._lock:
+            return self.sequencer.content_at(self.clock.now_ns())
+
+    def _set_register(self, data: bytes) -> None:
+        self._require(stopped=self._code in TRIGGER_REGISTERS)
+        self._registers.write(self._code, data)
+
+    # What is read
+
+    def _read_status(self) -> bytes:
+        aborted = self.sequencer.aborted
+        return bytes([0x01 | self.model.dual << 4 | aborted << 6 | aborted << 7])
+
+    def _read_main_status(self) -> bytes:
+        parked, locked = self._power != _NORMAL, self.options.source_locked
+        return bytes([parked | self.sequencer.active << 1 | locked << 3 | locked << 4])
+
+    def _read_least_exposures(self) -> bytes:
+        """Of one bit; of more, of which it shows none, nothing is told."""
+        return struct.pack("<H", self.model.least_exposure_us).ljust(32, b"\0")
+
+    _commands: ClassVar[dict[int, _Command]] = {
+        DmdRegister.ERROR_CODE: _Command(read=lambda self: bytes([self._error])),
+        DmdRegister.ERROR_TEXT: _Command(read=lambda self: bytes(self._text)),
+        DmdRegister.POWER: _Command(_set_power, 1, lambda self: bytes([self._power])),
+        DmdRegister.IDLE: _Command(_set_idle, 1, lambda self: bytes([self._idle])),
+        DmdRegister.VERSION: _Command(read=lambda _: _VERSION),
+        DmdRegister.HARDWARE: _Command(
+            read=lambda self: bytes([self.model.hardware]) + _TAG.ljust(31, b"\0")
+        ),
+        DmdRegister.HARDWARE_STATUS: _Command(read=_read_status),
+        DmdRegister.SYSTEM_STATUS: _Command(read=lambda _: b"\x01"),
+        DmdRegister.MAIN_STATUS: _Command(read=_read_main_status),
+        DmdRegister.MODE: _Command(_set_mode, 1, lambda self: bytes([self._mode])),
+        DmdRegister.RUN: _Command(_run),
+        DmdRegister.IMAGE_BEGIN: _Command(_begin_image, 6),
+        DmdRegister.IMAGE_DATA: _Command(_load, None),
+        DmdRegister.SECOND_BEGIN: _Command(lambda self, data: self._begin_image(data, 1), 6),
+        DmdRegister.SECOND_DATA: _Command(lambda self, data: self._load(data, 1), None),
+        DmdRegister.LUT_CONFIGURE: _Command(
+            _configure, 6, lambda self: struct.pack("<HI", *self.memory.counts)
+        ),
+        DmdRegister.LUT_REORDER: _Command(_reorder, None),
+        DmdRegister.LUT_DEFINE: _Command(_define, 12),
+        **dict.fromkeys(
+            REGISTER_LENGTHS,
+            _Command(_set_register, None, lambda self: self._registers.read(self._code)),
+        ),
+        DmdRegister.LEAST_EXPOSURE: _Command(read=_read_least_exposures),
+    }

@@ -1,0 +1,259 @@
+"""Virtual DLPC900s on one USB: a pyusb backend that real pyusb code drives unchanged.
+
+Give it to ``usb.core.find(find_all=True, backend=...)``. Errors are those that libusb raises on
+Linux, where the kernel's HID driver holds each device until it is detached. One report takes its
+time in either direction, device by device; an interrupt transfer of several reports goes packet by
+packet. Not modelled: hubs, power, HID's own descriptors and control requests.
+"""
+
+from __future__ import annotations
+
+import array
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import usb.backend
+
+from ..virtual_usb import (
+    STRING_DESCRIPTOR,
+    LibusbCode,
+    make_string_descriptor,
+    make_usb_error,
+    require_first,
+)
+from .controller import VirtualDlpc900
+from .model import VIRTUAL_USB_IDS
+from .reports import USB_REPORT_LENGTH
+
+_IN, _OUT = 0x81, 0x01
+_FIRST_ADDRESS = 20
+_FULL_SPEED, _INTERRUPT, _HID = 2, 3, 3
+_LONG_MS = 10_000
+"""How long a transfer without a time-out waits, for which libusb would wait for ever."""
+
+
+class _Opened:
+    """An opened device; of no use once it has come back under another address."""
+
+    def __init__(self, device: VirtualDlpc900, address: int) -> None:
+        self.device, self.address = device, address
+
+
+class VirtualDmdBus(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no types
+    """A USB with devices on it. Its methods are those that pyusb documents of a backend.
+
+    kernel_driver : whether the kernel takes hold of devices that are plugged in.
+    held_by_other : serial numbers of devices that another program has claimed.
+    """
+
+    def __init__(self, *devices: VirtualDlpc900, kernel_driver: bool = True) -> None:
+        super().__init__()
+        self.devices = devices
+        self.kernel_driver = kernel_driver
+        self.held_by_other: set[str] = set()
+        self._detached: set[int] = set()
+        self._claimed: dict[int, _Opened] = {}
+        self._free_ns: dict[int, int] = {}
+
+    def address_of(self, device: VirtualDlpc900) -> int:
+        """Of a device; another one each time it comes back."""
+        turn = len(self.devices) * device.plugged_again
+        return _FIRST_ADDRESS + self.devices.index(device) + turn
+
+    # What devices say of themselves
+
+    def enumerate_devices(self) -> Iterator[Any]:
+        """Those that are plugged in."""
+        for device in self.devices:
+            if device.plugged:
+                yield SimpleNamespace(device=device, address=self.address_of(device))
+
+    def get_parent(self, _dev: Any) -> None:
+        """None: they hang on the root."""
+        return
+
+    def get_device_descriptor(self, dev: Any) -> Any:
+        """USB 1.1, full speed."""
+        (vendor, product), port = VIRTUAL_USB_IDS, 1 + self.devices.index(dev.device)
+        return SimpleNamespace(
+            bLength=18, bDescriptorType=1, bcdUSB=0x0110, bDeviceClass=0, bDeviceSubClass=0,
+            bDeviceProtocol=0, bMaxPacketSize0=64, idVendor=vendor, idProduct=product,
+            bcdDevice=0x0200, iManufacturer=1, iProduct=2, iSerialNumber=3, bNumConfigurations=1,
+            bus=1, address=dev.address, port_number=port, port_numbers=(port,), speed=_FULL_SPEED,
+        )  # fmt: skip
+
+    def get_configuration_descriptor(self, _dev: Any, config: int) -> Any:
+        """The only configuration."""
+        require_first(config)
+        return SimpleNamespace(
+            bLength=9, bDescriptorType=2, wTotalLength=41, bNumInterfaces=1, bConfigurationValue=1,
+            iConfiguration=0, bmAttributes=0xC0, bMaxPower=1, extra_descriptors=[],
+        )  # fmt: skip
+
+    def get_interface_descriptor(self, _dev: Any, intf: int, alt: int, config: int) -> Any:
+        """The HID interface."""
+        require_first(config, intf, alt)
+        return SimpleNamespace(
+            bLength=9, bDescriptorType=4, bInterfaceNumber=0, bAlternateSetting=0, bNumEndpoints=2,
+            bInterfaceClass=_HID, bInterfaceSubClass=0, bInterfaceProtocol=0, iInterface=0,
+            extra_descriptors=[],
+        )  # fmt: skip
+
+    def get_endpoint_descriptor(self, _dev: Any, ep: int, intf: int, alt: int, config: int) -> Any:
+        """Interrupt in, interrupt out."""
+        require_first(config, intf, alt)
+        return SimpleNamespace(
+            bLength=7, bDescriptorType=5, bEndpointAddress=(_IN, _OUT)[ep], bmAttributes=_INTERRUPT,
+            wMaxPacketSize=USB_REPORT_LENGTH, bInterval=1, bRefresh=0, bSynchAddress=0,
+            extra_descriptors=[],
+        )  # fmt: skip
+
+    # Opening and claiming
+
+    def open_device(self, dev: Any) -> _Opened:
+        """Open; ENODEV when it is not plugged in, or has another address by now."""
+        handle = _Opened(dev.device, dev.address)
+        self._alive(handle)
+        return handle
+
+    def close_device(self, dev_handle: _Opened) -> None:
+        """Close; what was claimed is free again."""
+        if self._claimed.get(dev_handle.address) is dev_handle:
+            del self._claimed[dev_handle.address]
+
+    def get_configuration(self, dev_handle: _Opened) -> int:
+        """The only one."""
+        self._alive(dev_handle)
+        return 1
+
+    def set_configuration(self, dev_handle: _Opened, _config_value: int) -> None:
+        """Nothing changes; EBUSY while the kernel or somebody else has the interface."""
+        self._alive(dev_handle)
+        self._take_hold(dev_handle)
+
+    def set_interface_altsetting(self, dev_handle: _Opened, _intf: int, _alt: int) -> None:
+        """Nothing changes."""
+        self._alive(dev_handle)
+
+    def claim_interface(self, dev_handle: _Opened, _intf: int) -> None:
+        """Claim; EBUSY while the kernel or somebody else has it."""
+        self._alive(dev_handle)
+        self._take_hold(dev_handle)
+        self._claimed[dev_handle.address] = dev_handle
+
+    def _take_hold(self, handle: _Opened) -> None:
+        holder = self._claimed.get(handle.address)
+        other = handle.device.serial in self.held_by_other
+        if other or holder not in (None, handle) or self.is_kernel_driver_active(handle, 0):
+            raise make_usb_error(LibusbCode.BUSY)
+
+    def release_interface(self, dev_handle: _Opened, _intf: int) -> None:
+        """Release; ENOENT when it was not claimed."""
+        self._alive(dev_handle)
+        if self._claimed.get(dev_handle.address) is not dev_handle:
+            raise make_usb_error(LibusbCode.NOT_FOUND)
+        del self._claimed[dev_handle.address]
+
+    def is_kernel_driver_active(self, dev_handle: _Opened, _intf: int) -> bool:
+        """Whether the kernel holds it."""
+        self._alive(dev_handle)
+        return self.kernel_driver and dev_handle.address not in self._detached
+
+    def detach_kernel_driver(self, dev_handle: _Opened, intf: int) -> None:
+        """Have the kernel let go; ENOENT when it does not hold it."""
+        if not self.is_kernel_driver_active(dev_handle, intf):
+            raise make_usb_error(LibusbCode.NOT_FOUND)
+        self._detached.add(dev_handle.address)
+
+    def attach_kernel_driver(self, dev_handle: _Opened, intf: int) -> None:
+        """Have it take hold again; EBUSY while it does, or somebody has claimed it."""
+        active = self.is_kernel_driver_active(dev_handle, intf)
+        if active or dev_handle.address in self._claimed:
+            raise make_usb_error(LibusbCode.BUSY)
+        self._detached.discard(dev_handle.address)
+
+    def clear_halt(self, dev_handle: _Opened, _ep: int) -> None:
+        """Endpoints never halt."""
+        self._alive(dev_handle)
+
+    def reset_device(self, dev_handle: _Opened) -> None:
+        """Reset the port: it comes back under another address, and goes on as it was."""
+        self._alive(dev_handle)
+        dev_handle.device.unplug()
+        dev_handle.device.replug()
+
+    # Transfers
+
+    def intr_write(
+        self, dev_handle: _Opened, ep: int, _intf: int, data: array.array[int], timeout: int
+    ) -> int:
+        """Send reports; a time-out while the device takes none."""
+        device, content = self._claim_of(dev_handle, ep, _OUT), bytes(data)
+        for at in range(0, len(content), USB_REPORT_LENGTH):
+            self._spend_report(dev_handle, timeout)
+            device.write_report(content[at : at + USB_REPORT_LENGTH])
+        return len(content)
+
+    def intr_read(
+        self, dev_handle: _Opened, ep: int, _intf: int, buff: array.array[int], timeout: int
+    ) -> int:
+        """Fetch a report; if there is none, a time-out after `timeout` ms."""
+        device, clock = self._claim_of(dev_handle, ep, _IN), dev_handle.device.clock
+        late_ns = clock.now_ns() + (timeout or _LONG_MS) * 1_000_000
+        clock.sleep_until_ns(min(device.hung_until_ns, late_ns))
+        report = device.read_report() if device.hung_until_ns <= late_ns else None
+        if report is None:
+            clock.sleep_until_ns(late_ns)
+            raise make_usb_error(LibusbCode.TIMEOUT)
+        self._spend_report(dev_handle, timeout)
+        if len(buff) < len(report):
+            raise make_usb_error(LibusbCode.OVERFLOW)
+        memoryview(buff).cast("B")[: len(report)] = report
+        return len(report)
+
+    def ctrl_transfer(
+        self,
+        dev_handle: _Opened,
+        bmRequestType: int,  # noqa: N803 - pyusb's names
+        bRequest: int,  # noqa: N803
+        wValue: int,  # noqa: N803
+        wIndex: int,  # noqa: N803
+        data: array.array[int],
+        timeout: int,
+    ) -> int:
+        """String descriptors."""
+        self._alive(dev_handle)
+        if (bmRequestType, bRequest, wValue >> 8) != (0x80, 6, STRING_DESCRIPTOR):
+            raise make_usb_error(LibusbCode.PIPE)
+        texts = "Texas Instruments", "DLPC900", dev_handle.device.serial
+        reply = make_string_descriptor(wValue & 0xFF, texts)
+        count = min(len(reply), len(data))
+        memoryview(data).cast("B")[:count] = reply[:count]
+        return count
+
+    def _claim_of(self, handle: _Opened, ep: int, wanted: int) -> VirtualDlpc900:
+        """The device of a handle that is there and claimed, for an endpoint that there is."""
+        self._alive(handle)
+        if self._claimed.get(handle.address) is not handle:
+            raise make_usb_error(LibusbCode.IO)
+        if ep != wanted:
+            raise make_usb_error(LibusbCode.NOT_FOUND)
+        return handle.device
+
+    def _alive(self, handle: _Opened) -> None:
+        if not handle.device.plugged or handle.address != self.address_of(handle.device):
+            raise make_usb_error(LibusbCode.NO_DEVICE)
+
+    def _spend_report(self, handle: _Opened, timeout_ms: int) -> None:
+        """Wait while one report goes over, after those of this device that came before it."""
+        device = handle.device
+        now_ns, free_ns = device.clock.now_ns(), self._free_ns.get(handle.address, 0)
+        until_ns = max(now_ns, free_ns, device.hung_until_ns) + round(device.options.report_s * 1e9)
+        late_ns = now_ns + (timeout_ms or _LONG_MS) * 1_000_000
+        device.clock.sleep_until_ns(min(until_ns, late_ns))
+        if until_ns > late_ns:
+            raise make_usb_error(LibusbCode.TIMEOUT)
+        self._free_ns[handle.address] = until_ns
+        device.count_report()
+        self._alive(handle)
