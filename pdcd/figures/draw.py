@@ -22,8 +22,6 @@ from pdcd.pictures.written.previews import encode_gamma
 
 _LEAST_PX = 480
 """Width of a picture, at least: what is narrower is enlarged, so that its strip can be read."""
-_STRIP_PX = 600
-"""Width of picture from which on the strip grows with it."""
 SHOWN = (0.0, 0.25, 1.0)
 """Of the scale of greys, linear."""
 _RIM = 0.008
@@ -31,8 +29,10 @@ _RIM = 0.008
 UNKNOWN = 60
 """Grey of what no quad of the camera shows."""
 _DPI, _SIZE_IN = 110, (5.6, 3.8)
-PALETTE = ("#1b6ca8", "#d1495b", "#2e933c", "#8d5a97", "#e08e0b", "#555555", "#17a2a2")
-"""Colours of the lines of a plot."""
+PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#555555", "#56b4e9")
+"""Colours of the lines of a plot: those of Okabe and Ito, told apart without red and green."""
+MARKERS = "osD^vPX"
+"""Shapes of their points, in the same order."""
 
 
 def draw_row(row: PanelRow) -> list[Bytes]:
@@ -79,11 +79,7 @@ def _coloured(image: NDArray[Any]) -> NDArray[Any]:
 def _with_strip(pixels: Bytes, caption: str, marks: tuple[tuple[int, str], ...]) -> Bytes:
     plain = caption.encode("ascii", "replace").decode()
     notes = ["scene units"] if marks else [""]
-    width = pixels.shape[1]
-    times = max(round(width / _STRIP_PX), 1)  # so that it can be read where the picture is shrunk
-    below = draw_caption(-(-width // times), plain, notes, marks)
-    below = below.repeat(times, axis=0).repeat(times, axis=1)[:, :width]
-    return np.concatenate([pixels, below])
+    return np.concatenate([pixels, draw_caption(pixels.shape[1], plain, notes, marks)])
 
 
 def check_plots() -> None:
@@ -114,14 +110,16 @@ def draw_plot(plot: FigurePlot) -> bytes:
 def _fill(axes: Any, plot: FigurePlot) -> None:
     """Everything of a plot on axes of matplotlib, labels small."""
     axes.grid(alpha=0.3)
-    axes.tick_params(labelsize=8)
+    axes.tick_params(labelsize=10)
     for line in plot.lines:
-        at = line.colour
+        at, style = line.colour, line.style
         colour = at if isinstance(at, str) else PALETTE[at % len(PALETTE)]
-        axes.plot(line.x, line.y, line.style, color=colour, label=line.label or None, lw=1.2, ms=5)
+        if not isinstance(at, str):
+            style = style.replace("o", MARKERS[at % len(MARKERS)])
+        axes.plot(line.x, line.y, style, color=colour, label=line.label or None, lw=1.4, ms=5)
     for place, words in plot.marks:
         axes.axvline(place, color="grey", lw=0.8)
-        axes.annotate(words, (place, 0.98), xycoords=("data", "axes fraction"), fontsize=7,
+        axes.annotate(words, (place, 0.98), xycoords=("data", "axes fraction"), fontsize=9,
                       rotation=90, ha="right", va="top", color="grey")  # fmt: skip
     if plot.level is not None:
         axes.axhline(plot.level, color="black", lw=0.6)
@@ -131,8 +129,8 @@ def _fill(axes: Any, plot: FigurePlot) -> None:
         set_scale(scale, **({"linthresh": 1e-3} if scale == "symlog" else {}))
     axes.set_xlim(left=plot.x_from)
     axes.set_ylim(*plot.y_range)
-    axes.set_title(plot.title, fontsize=10)
-    axes.set_xlabel(plot.x, fontsize=9)
-    axes.set_ylabel(plot.y, fontsize=9)
+    axes.set_title(plot.title, fontsize=12)
+    axes.set_xlabel(plot.x, fontsize=11)
+    axes.set_ylabel(plot.y, fontsize=11)
     if any(line.label for line in plot.lines):
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=10)

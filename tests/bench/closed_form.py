@@ -107,7 +107,7 @@ def _plot(found: Found, path: Path) -> None:
             values = [found["quarter", panels, grid, count] for count in counts]
             how = {
                 "color": plots.colour(index),
-                "marker": "o",
+                "marker": plots.marker(index),
                 "label": f"{grid_name(grid)} cells, {panels}",
             }
             left.plot(counts, [v["streamed_s"] for v in values], style, **how)

@@ -131,11 +131,11 @@ def _table(found: Found, noise: Noise, title: str) -> Table:
 
 def _plot(found: Found, path: Path) -> None:
     scenes = list(dict.fromkeys(key[0] for key in found))
-    across = min(len(scenes), 4)
+    across = min(len(scenes), 3)
     figure, axes = plots.panels(across, -(-len(scenes) // across), scale=0.66, same_y=True)
     for scene, one in zip(scenes, axes, strict=False):
         for index, way in enumerate(WAYS):
-            for noise, style in (("full", "o-"), ("none", ":")):
+            for noise, style in (("full", f"{plots.marker(index)}-"), ("none", ":")):
                 points = [found[scene, noise, way, s] for s in SECONDS]  # type: ignore[index]
                 times, errors = zip(*((p.exposure_s, 100.0 * p.error) for p in points), strict=True)
                 label = way if noise == "full" else None
@@ -143,5 +143,6 @@ def _plot(found: Found, path: Path) -> None:
         plots.finish(one, scene, "shutter open in s", "RMS error in %", base=10)
     for empty in axes[len(scenes) :]:
         empty.set_axis_off()
-    plots.legend(axes[across - 1], f"codes ({FIRST} as in the paper)")
+    title = f"codes ({FIRST} as in the paper)"
+    plots.legend(*plots.find_room(axes, len(scenes)), title)
     plots.save(figure, path)

@@ -89,9 +89,9 @@ def draw(folder: Path, path: Path) -> None:
             axis.imshow(np.clip(image / top, 0.0, 1.0) ** (1 / 2.2))
             axis.set_xticks([])
             axis.set_yticks([])
-        axes[column].set_title(f"{disparity:+g} cells", fontsize=9)
-    axes[0].set_ylabel("white", fontsize=9)
-    axes[6].set_ylabel("keyed at 0", fontsize=9)
+        axes[column].set_title(f"{disparity:+g} cells", fontsize=11)
+    axes[0].set_ylabel("white", fontsize=11)
+    axes[6].set_ylabel("keyed at 0", fontsize=11)
     grid = axes[0].get_gridspec()
     for axis in axes[12:]:
         axis.remove()
@@ -103,15 +103,17 @@ def draw(folder: Path, path: Path) -> None:
         true = np.minimum(1.0, far) if number == 0 else np.clip((far - 0.25) / 0.5, 0.0, 1.0)
         colour = plots.colour(number)
         wide.plot(fine, true, color=colour, lw=1.0, label=f"{window} cells, by geometry")
-        wide.plot(CURVE, seen, "o", color=colour, ms=3.5, label=f"{window} cells, photos")
+        wide.plot(
+            CURVE, seen, plots.marker(number), color=colour, ms=4.5, label=f"{window} cells, photos"
+        )
         for d, value in zip(CURVE, seen, strict=True):
             sys.stdout.write(f"{window:8s} {d:+.3f} {value:.4f}\n")
-    wide.set_xlabel("disparity of the box's front, in cells", fontsize=9)
-    wide.set_ylabel("direct light left", fontsize=9)
-    wide.tick_params(labelsize=8)
+    wide.set_xlabel("disparity of the box's front, in cells", fontsize=11)
+    wide.set_ylabel("direct light left", fontsize=11)
+    wide.tick_params(labelsize=10)
     wide.grid(alpha=0.3)
     plots.legend(wide)
-    plots.save(figure, path)
+    plots.save(figure, path, colours=256)
 
 
 if __name__ == "__main__":

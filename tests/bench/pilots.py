@@ -127,12 +127,13 @@ def _aims(errors: Errors, counts: tuple[int, ...]) -> list[Aim]:
 
 
 def _plot(errors: Errors, path: Path) -> None:
-    figure, axes = plots.panels(len(SCENES), 1, scale=0.66, same_y=True)
+    figure, axes = plots.panels(2, 2, scale=0.76, same_y=True)
     for scene, one in zip(SCENES, axes, strict=True):
         for index, way in enumerate((COINS, *WAYS)):
             points = [(k, 100.0 * e) for (s, k, w), e in errors.items() if (s, w) == (scene, way)]
             label = "coins" if way == COINS else way
-            one.plot(*zip(*points, strict=True), "o-", color=plots.colour(index), label=label)
+            how = {"marker": plots.marker(index), "color": plots.colour(index), "ms": 5}
+            one.plot(*zip(*points, strict=True), **how, label=label)
         plots.finish(one, scene, "number of codes K", "RMS error in %")
-    plots.legend(axes[-1])
+    plots.legend(axes[1])
     plots.save(figure, path)

@@ -10,25 +10,31 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from PIL import Image
 
+from pdcd.figures.draw import MARKERS, PALETTE
+
 mpl.use("Agg")
 
 DPI, COLOURS = 110, 64
 WIDTH_IN, HEIGHT_IN = 5.0, 3.8
 """Size of one pair of axes."""
 
-_PALETTE = ("#1b6ca8", "#d1495b", "#2e933c", "#8d5a97", "#e08e0b", "#555555", "#17a2a2")
-
 
 def colour(index: int) -> str:
     """Colour of the index-th line of a plot."""
-    return _PALETTE[index % len(_PALETTE)]
+    return PALETTE[index % len(PALETTE)]
+
+
+def marker(index: int) -> str:
+    """Shape of its points."""
+    return MARKERS[index % len(MARKERS)]
 
 
 def panels(
     across: int, down: int = 1, *, scale: float = 1.0, same_y: bool = False
 ) -> tuple[Figure, list[Any]]:
     """An empty figure and its axes, row by row; with one scale of y for all, if wanted."""
-    size_in = (scale * WIDTH_IN * across, scale * HEIGHT_IN * down)
+    beside = 1.4 if across * down == 1 else 1.0  # a legend stands beside a single one
+    size_in = (scale * WIDTH_IN * across * beside, scale * HEIGHT_IN * down)
     figure = Figure(figsize=size_in, layout="constrained")
     axes = figure.subplots(down, across, squeeze=False, sharey=same_y)
     return figure, list(axes.ravel())
@@ -38,10 +44,10 @@ def finish(axes: Any, title: str, x_label: str, y_label: str, *, base: int = 2) 
     """Logarithmic axes (x to `base`), title and labels with units, a grid."""
     axes.set_xscale("log", base=base)
     axes.set_yscale("log")
-    axes.set_title(title, fontsize=10)
-    axes.set_xlabel(x_label, fontsize=9)
-    axes.set_ylabel(y_label, fontsize=9)
-    axes.tick_params(labelsize=8)
+    axes.set_title(title, fontsize=11)
+    axes.set_xlabel(x_label, fontsize=10)
+    axes.set_ylabel(y_label, fontsize=10)
+    axes.tick_params(which="both", labelsize=9)
     axes.grid(alpha=0.3)
     if base == 2:
         axes.xaxis.set_major_formatter(mpl.ticker.FormatStrFormatter("%d"))
@@ -55,15 +61,22 @@ def _between_decades(value: float, _: int | None) -> str:
     return f"{value:g}" if first in "25" else ""
 
 
-def legend(axes: Any, title: str | None = None) -> None:
-    """A legend beside the axes, with lines long enough to tell dashes."""
-    axes.legend(
-        fontsize=7,
+def find_room(axes: list[Any], used: int) -> tuple[Any, Any]:
+    """Axes to take a legend of, and empty ones to put it into; None: beside them."""
+    return axes[used - 1], axes[used] if used < len(axes) else None
+
+
+def legend(axes: Any, place: Any = None, title: str | None = None) -> None:
+    """A legend beside the axes, or in the place of other ones, with lines long enough to tell
+    dashes."""
+    (axes if place is None else place).legend(
+        *axes.get_legend_handles_labels(),
+        fontsize=9,
         title=title,
-        title_fontsize=7,
+        title_fontsize=9,
         handlelength=3.0,
         loc="center left",
-        bbox_to_anchor=(1.0, 0.5),
+        bbox_to_anchor=(1.0 if place is None else 0.0, 0.5),
     )
 
 
@@ -76,11 +89,11 @@ def limit(axes: Any, value: float, label: str) -> None:
         xycoords=("axes fraction", "data"),
         xytext=(0, 2),
         textcoords="offset points",
-        fontsize=7,
+        fontsize=9,
         ha="left",
         va="bottom",
         color="grey",
-        zorder=5,
+        zorder=1,  # below the lines: it hides no point
         bbox={"facecolor": "white", "alpha": 0.8, "pad": 0.5, "lw": 0},
     )
 

@@ -67,12 +67,12 @@ def run(*, quick: bool, folder: Path) -> Section:
         ),
         tables=[table],
         aims=[],
-        plots=[("far-codes.png", "Codes for far light: light in red, the open mask in green.")],
+        plots=[("far-codes.png", "Codes for far light: light in orange, the open mask in blue.")],
     )
 
 
 def draw(path: Path) -> None:
-    """Some codes of each way, a row each: light in red, the mask in green."""
+    """Some codes of each way, a row each: light in orange, the mask in blue."""
     rows = {}
     ways = (
         ("128 codes, masks of black and white", 128, HOW[1]),
@@ -81,14 +81,15 @@ def draw(path: Path) -> None:
     )
     for title, count, how in ways:
         light, mask = _codes(GRID, count, SHOWN_SEED)[how]
-        shown = np.stack([light, mask, np.zeros_like(mask)], axis=-1)
-        rows[title] = shown.reshape(count, *GRID, 3)[:SHOWN]
+        # Light in orange, the mask in blue: told apart without red and green.
+        shown = light[..., None] * (1.0, 0.6, 0.0) + mask[..., None] * (0.0, 0.45, 0.9)
+        rows[title] = np.clip(shown, 0.0, 1.0).reshape(count, *GRID, 3)[:SHOWN]
     figure, axes = plots.panels(SHOWN, len(rows), scale=0.35)
     for axis, image in zip(axes, np.concatenate([*rows.values()]), strict=True):
         axis.imshow(image, interpolation="nearest")
         axis.set_axis_off()
     for axis, title in zip(axes[::SHOWN], rows, strict=True):
-        axis.set_title(title, fontsize=9, loc="left")
+        axis.set_title(title, fontsize=12, loc="left")
     plots.save(figure, path)
 
 

@@ -26,7 +26,7 @@ from pdcd.calibration.check.look import (
     unpack_snapshot,
 )
 from pdcd.calibration.figures import MeasuredFigure, Verdict
-from pdcd.calibration.preview import draw_arrows, draw_text_lines
+from pdcd.calibration.preview import ArrowField, draw_arrows, draw_text_lines
 from pdcd.calibration.registration.registration_step import code_cell_px
 from pdcd.calibration.script import CalibrationSession, ConfigValue, StepOutcome, StepScript
 from pdcd.probing.cell_size import HALF, guard_px
@@ -135,10 +135,13 @@ def _refitted(
 def _draw(figure: Any, found: CheckResult, advice: list[str]) -> None:
     """How camera and mask moved over the field, and what to do."""
     at = np.stack(np.meshgrid(*2 * [np.linspace(0.05, 0.95, 16)]), axis=-1).reshape(-1, 2)
-    for axes, name in zip(figure.subplots(1, 2), ("camera", "mask"), strict=True):
+    fields = []
+    for name in ("camera", "mask"):
         by = getattr(found, name)
         points = at * by.size_px
-        draw_arrows(axes, at, by(points) - points, f"how the {name} moved, in projector pixels")
+        title = f"how the {name} moved, in projector pixels"
+        fields.append(ArrowField(at, by(points) - points, title))
+    draw_arrows(figure, fields, text_below=True)
     verdict = ("as it was", "a little changed: taken into account", "changed: calibrate anew")
     lines = [f"the bench is {verdict[found.verdict]}; lamp {found.lamp:.1%}"]
     draw_text_lines(figure, [*lines, *(text[:118] for text in advice)])

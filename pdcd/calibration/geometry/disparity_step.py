@@ -12,6 +12,7 @@ from pdcd.calibration.geometry.disparity import Disparities, measure_disparities
 from pdcd.calibration.geometry.geometry_step import compute_pixel_ratio
 from pdcd.calibration.geometry.striped import base_px, photograph_xor_code
 from pdcd.calibration.geometry.xor import XorCode
+from pdcd.calibration.preview import label_plot
 from pdcd.calibration.script import CalibrationSession, StepOutcome, StepScript
 from pdcd.errors import CalibrationError
 
@@ -81,5 +82,7 @@ def _draw(figure: Any, found: Disparities) -> None:
     low, high = np.percentile(found.right[found.known], [1.0, 99.0])
     axes = figure.subplots()
     shown = np.where(found.known, found.right, np.nan)
-    figure.colorbar(axes.imshow(shown, vmin=low, vmax=high, interpolation="nearest"))
-    axes.set_title("cells to the right", fontsize=10)
+    drawn = axes.imshow(shown, vmin=low, vmax=high, interpolation="nearest")
+    figure.colorbar(drawn, label="cells to the right")
+    label_plot(axes, "Disparity, far to near (blank: not known)", "cells", "cells")
+    axes.grid(visible=False)

@@ -31,7 +31,7 @@ from pdcd.calibration.geometry.shared_field import ENOUGH, SharedField, edge_px,
 from pdcd.calibration.geometry.striped import base_px, measure_stripes, measure_xor_map
 from pdcd.calibration.geometry.xor import XorCode
 from pdcd.calibration.photo import SMALL_FRAME_HINT, QuadPhoto, pick_main
-from pdcd.calibration.preview import draw_arrows
+from pdcd.calibration.preview import ArrowField, draw_arrows
 from pdcd.calibration.registration.stripes import compute_map_slope
 from pdcd.calibration.script import (
     FIELD,
@@ -323,9 +323,11 @@ def _refuse_unlike(session: CalibrationSession, composed: ComposedMaps) -> None:
 
 def _draw(figure: Any, *panels: PanelMarks) -> None:
     """What the maps of projector and mask leave of each mark."""
-    for axes, marked in zip(figure.subplots(1, 2), panels, strict=True):
+    fields = []
+    for marked in panels:
         fitted = marked.main
         size = np.array(fitted.target_size_px, dtype=np.float64)
         what = "blocks of stripes" if marked.dots is None else "dots"
         title = f"{marked.panel}: what the map leaves of {len(fitted.target_px)} {what}"
-        draw_arrows(axes, fitted.target_px / size, fitted.residual_px, title)
+        fields.append(ArrowField(fitted.target_px / size, fitted.residual_px, title))
+    draw_arrows(figure, fields)

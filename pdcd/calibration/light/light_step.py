@@ -29,6 +29,7 @@ from pdcd.calibration.photo import (
     check_camera_settings,
     pick_main,
 )
+from pdcd.calibration.preview import label_plot
 from pdcd.calibration.script import (
     CalibrationPhoto,
     CalibrationSession,
@@ -305,13 +306,14 @@ def _draw(figure: Any, found: LightMeasurement, white: QuadPhoto) -> None:
     with np.errstate(divide="ignore", invalid="ignore"):
         contrast = 1.0 / found.mask_map
     rows, cols = (BLOCK_QUADS * n for n in bright.shape)
+    figure.set_size_inches(10.0, 4.8)
     for axes, title, unit, values, most in zip(
-        figure.subplots(1, 2), ("light of a white card", "contrast of the mask"),
+        figure.subplots(1, 2), ("light of a white card", "contrast of the mask (blank: not known)"),
         ("share of the brightest", "open over closed"),
         (bright / np.quantile(bright, 0.98), contrast), (1.0, 2.0 * found.mask.contrast[0]),
         strict=True,
     ):  # fmt: skip
         shown = axes.imshow(values, vmin=0.0, vmax=most, extent=(0, cols, rows, 0))
         figure.colorbar(shown, orientation="horizontal", label=unit)
-        axes.set_title(title, fontsize=10)
-        axes.set_xlabel("quads")
+        label_plot(axes, title, "quads from the left", "quads from the top")
+        axes.grid(visible=False)

@@ -11,7 +11,7 @@ from pdcd.bench.tables import Config
 from pdcd.calibration.figures import MeasuredFigure, Verdict
 from pdcd.calibration.geometry.geometry_step import compute_pixel_ratio
 from pdcd.calibration.photo import QuadPhoto
-from pdcd.calibration.preview import draw_arrows, draw_text_lines
+from pdcd.calibration.preview import ArrowField, draw_arrows, draw_text_lines
 from pdcd.calibration.registration.correction import (
     MapCorrection,
     correct_mask_map,
@@ -241,9 +241,13 @@ def _draw(
     camera has two quads a period, scatter by ten times what is wrong with the map.
     """
     size = np.array(size_px, dtype=np.float64)
-    for axes, (title, (found, smooth)) in zip(
-        figure.subplots(1, 2), (("by geometry", before), ("corrected once", after)), strict=True
-    ):
-        title = f"offset of the mask's map, {title}"
-        draw_arrows(axes, found.points_px / size, smooth.at(found.points_px), title)
+    fields = [
+        ArrowField(
+            found.points_px / size,
+            smooth.at(found.points_px),
+            f"offset of the mask's map, {title}",
+        )
+        for title, (found, smooth) in (("by geometry", before), ("corrected once", after))
+    ]
+    draw_arrows(figure, fields, text_below=True)
     draw_text_lines(figure, format_cell_leaks(meeting))

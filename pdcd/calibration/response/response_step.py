@@ -105,12 +105,12 @@ def _advice(found: GreyResponse) -> tuple[str, ...]:
 def _draw(figure: Any, found: list[GreyResponse]) -> None:
     """Light over level of both panels, beside their power laws."""
     axes, grey = figure.subplots(), np.arange(256.0)
-    for one, colour in zip(found, (PLOT_RED, PLOT_BLUE), strict=True):
+    for one, (colour, marker) in zip(found, ((PLOT_RED, "o"), (PLOT_BLUE, "s")), strict=True):
         text = f"{one.panel}: gamma {one.gamma:.3f} +- {one.gamma_sigma:.3f}"
         axes.plot(grey, (grey / 255.0) ** one.gamma, color=colour)
         axes.plot(
-            one.levels, one.light, "o", color=colour,
+            one.levels, one.light, marker, color=colour,
             label=f"{text}, off the law by {100.0 * one.misfit:.2g} %",
         )  # fmt: skip
-    axes.legend(fontsize=8)
-    label_plot(axes, "Light of grey levels", "level", "light")
+    axes.legend()
+    label_plot(axes, "Light of grey levels", "level, of 255", "light, of white")

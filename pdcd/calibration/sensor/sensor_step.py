@@ -164,17 +164,22 @@ def _draw(figure: Any, body: SensorMeasurement, plan: SensorPlan) -> None:
     """How far each dose is off its line, plane by plane."""
     doses = np.sort(np.array(list(plan.doses.values()), np.float64))
     axes = figure.subplots()
-    for limit in (-0.01, 0.01):
-        axes.axhline(limit, color=PLOT_GREY)
-    for name, line, colour in zip(body.names, body.lines, PLOT_CHANNELS, strict=False):
+    for limit in (-1.0, 1.0):
+        axes.axhline(limit, color=PLOT_GREY, label="limits" if limit > 0.0 else None)
+    for name, line, (colour, marker) in zip(body.names, body.lines, PLOT_CHANNELS, strict=False):
         full = line.saturation_dn
         said = "not reached" if full is None else f"{full:.0f} DN above black"
-        axes.plot(doses, line.deviations, "o-", color=colour, label=f"{name}: upper end {said}")
-    axes.legend(fontsize=8)
+        axes.plot(
+            doses, 100.0 * np.asarray(line.deviations), marker=marker, color=colour,
+            label=f"{name}: upper end {said}",
+        )  # fmt: skip
+    axes.legend(ncols=2, loc="upper center")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.3 * (high - low))  # the legend hides nothing
     (gain, sigma), (read, _) = body.gain, body.read_noise
     label_plot(
         axes,
-        "Linearity: light over the line through all doses, less 1\n"
+        "Linearity: how far light is off the line through all doses\n"
         f"gain {gain:.4g} +- {sigma:.2g} e-/DN, read noise {read:.3g} e-",
-        "white refreshes", "deviation",
+        "white refreshes", "off the line, in %",
     )  # fmt: skip

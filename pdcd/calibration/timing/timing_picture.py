@@ -11,6 +11,9 @@ from pdcd.calibration.preview import PLOT_BLUE, PLOT_GREY, label_plot
 from pdcd.calibration.timing.lag import MeasuredTiming
 from pdcd.calibration.timing.strips import StripReadings
 
+_LEAST_SPAN_MS = 1.0
+"""Of lags that are drawn: less is nothing to a refresh, and not to be made much of."""
+
 
 def draw_timing(figure: Any, found: MeasuredTiming, readings: Sequence[StripReadings]) -> None:
     """Light of the strips in the middle of the field, of all photos, and what the times make of it;
@@ -24,7 +27,7 @@ def draw_timing(figure: Any, found: MeasuredTiming, readings: Sequence[StripRead
     at = [kinds.index(name) for name in names]
     axes["S"].plot(at, fitted, "_", color=PLOT_GREY, markersize=12)
     axes["S"].plot(at, light, "o", color=PLOT_BLUE, markersize=3)
-    axes["S"].set_xticks(range(len(kinds)), kinds, fontsize=6, rotation=90)
+    axes["S"].set_xticks(range(len(kinds)), kinds, fontsize=8, rotation=90)
     label_plot(
         axes["S"], f"Strips in the middle of the field, reduced chi^2 of all {found.chi2:.2f}",
         "refreshes for which projector|mask are white; a grey line is what the times make of it",
@@ -34,4 +37,7 @@ def draw_timing(figure: Any, found: MeasuredTiming, readings: Sequence[StripRead
     axes["L"].plot(ends, 1e3 * (found.line_s[0] + found.line_s[1] * ends), color=PLOT_GREY)
     sigma = 3e3 * found.lag_sigma_s
     axes["L"].errorbar(found.bands, 1e3 * found.lag_s, sigma, fmt="o", color=PLOT_BLUE)
-    label_plot(axes["L"], "Lag of the mask by row", "field, top to bottom", "ms")
+    low, high = axes["L"].get_ylim()
+    more = max(0.5 * (_LEAST_SPAN_MS - (high - low)), 0.0)
+    axes["L"].set_ylim(low - more, high + more)
+    label_plot(axes["L"], "Lag of the mask by row", "field, top (0) to bottom (1)", "lag in ms")

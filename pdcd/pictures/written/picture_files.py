@@ -14,13 +14,14 @@ from pdcd.errors import ConfigError, DecodeError, disk_errors
 from pdcd.files.images import encode_png, make_tiff_ends
 from pdcd.files.reading import MAX_PICTURE_BYTES, read_file, refuse_unsound
 
-HEIGHT_PX = 48
-PAPER, _INK, _FAINT = 24, 225, 150
+CAPTION_SHARES = (48 / 512, 50 / 512, 10 / 512)
+"""Height of a strip, width of one grey of its scale, and its margin, over its width: letters grow
+with the picture, which is shrunk to where it is looked at."""
+PAPER, _INK, _FAINT = 24, 225, 165
 """Greys of the strip and its letters."""
-STEP_PX, _STEP_HEIGHT_PX = 52, 20
-"""Size of one grey of the scale."""
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
-MARGIN_PX = 10
+_TITLE, _NOTES, _MARKS, _LEAST = 0.6 / 512, 0.44 / 512, 0.42 / 512, 0.3 / 512
+"""Sizes of letters, and of those that are shrunk to fit, over the width."""
 
 
 def draw_value_table(grey: NDArray[np.float64], min_width_px: int = 640) -> NDArray[np.uint8]:
@@ -81,26 +82,46 @@ def _check(path: Path, rgb: NDArray[np.generic]) -> None:
         raise ConfigError(f"{path.name}: an image needs shape (h, w, 3 or 1), not {rgb.shape}")
 
 
+def find_caption_height(width_px: int) -> int:
+    """Pixels that the strip below a picture of that width is high."""
+    return round(CAPTION_SHARES[0] * width_px)
+
+
 def draw_caption(
     width_px: int, title: str, notes: Sequence[str], greys: Sequence[tuple[int, str]]
 ) -> Bytes:
-    """A caption, (HEIGHT_PX, width_px, 3) uint8.
+    """A caption, (`find_caption_height(width_px)`, width_px, 3) uint8.
 
-    title, notes : ASCII; the notes are smaller, below the title, apart from each other.
+    title, notes : ASCII; the notes are smaller, below the title, apart from each other. Both are
+    shrunk to fit beside the scale.
     greys : pixel values from dark to bright, and what is written below each.
     """
-    drawn = np.full((HEIGHT_PX, width_px), PAPER, np.uint8)
-    left = width_px - MARGIN_PX - STEP_PX * len(greys)
+    height_px, step_px, margin_px = (round(share * width_px) for share in CAPTION_SHARES)
+    drawn = np.full((height_px, width_px), PAPER, np.uint8)
+    left = width_px - margin_px - step_px * len(greys)
+    base, middle = round(0.83 * height_px), round(0.45 * height_px)
     for number, (grey, words) in enumerate(greys):
-        begin = left + number * STEP_PX
-        drawn[6 : 6 + _STEP_HEIGHT_PX, begin : begin + STEP_PX] = grey
-        (across, _), _ = cv2.getTextSize(words, _FONT, 0.38, 1)
-        _write(drawn, words, (begin + (STEP_PX - across) // 2, HEIGHT_PX - 8), 0.38, _FAINT)
-    room = drawn[:, : left - MARGIN_PX]  # what does not fit must not run into the scale
-    _write(room, title, (MARGIN_PX, 21), 0.6, _INK)
-    _write(room, "   ".join(notes), (MARGIN_PX, HEIGHT_PX - 9), 0.4, _FAINT)
+        begin = left + number * step_px
+        drawn[height_px // 8 : height_px * 13 // 24, begin : begin + step_px] = grey
+        size, across = _fit(words, step_px, _MARKS * width_px)
+        _write(drawn, words, (begin + (step_px - across) // 2, base), size, _FAINT)
+    room = drawn[:, : left - margin_px]  # what does not fit must not run into the scale
+    for words, share, at, grey in (
+        (title, _TITLE, middle, _INK),
+        ("   ".join(notes), _NOTES, base, _FAINT),
+    ):
+        size, _ = _fit(words, room.shape[1] - margin_px, share * width_px)
+        _write(room, words, (margin_px, at), max(size, _LEAST * width_px), grey)
     return np.repeat(drawn[..., None], 3, axis=2)
 
 
+def _fit(words: str, room_px: int, size: float) -> tuple[float, int]:
+    """Size of letters, no larger than that, for which words fit; and how wide they are then."""
+    (across, _), _ = cv2.getTextSize(words, _FONT, size, 1)
+    if across <= room_px or room_px <= 0:
+        return size, across
+    return size * room_px / across, room_px
+
+
 def _write(on: Bytes, words: str, at: tuple[int, int], size: float, grey: int) -> None:
-    cv2.putText(on, words, at, _FONT, size, grey, 1, cv2.LINE_AA)
+    cv2.putText(on, words, at, _FONT, size, grey, max(round(size), 1), cv2.LINE_AA)

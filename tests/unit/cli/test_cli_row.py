@@ -13,7 +13,7 @@ import pytest
 from pdcd.bench.tables import RigConfig
 from pdcd.cli.main import main
 from pdcd.pictures.row import read_matrix_row
-from pdcd.pictures.written.picture_files import HEIGHT_PX
+from pdcd.pictures.written.picture_files import find_caption_height
 from tests import bench_rig
 from tests.taken import take
 
@@ -76,8 +76,9 @@ def test_command_writes_the_picture_and_prints_figures(
     assert abs(told["realised"]["min"]) < 1e-6  # 16 Hadamard codes are exact for 12 cells
     picture = cv2.imread(str(out))
     assert picture is not None
-    assert len(np.unique(picture[-HEIGHT_PX:])) > 10  # its strip has letters and greys
-    picture = picture[:-HEIGHT_PX]
+    height = find_caption_height(picture.shape[1])
+    assert len(np.unique(picture[-height:])) > 10  # its strip has letters and greys
+    picture = picture[:-height]
     side = picture.shape[0] // ROWS
     assert picture.shape[1] == side * (2 * COLS + 1)
     cells = picture[side // 2 :: side, side // 2 :: side, 0]
@@ -90,7 +91,8 @@ def test_command_writes_the_picture_and_prints_figures(
 
 def test_negative_weights_are_darker_than_none(tmp_path: Path) -> None:
     folder = finished(tmp_path, goal="descattered", codes=16, shift=(0, -1))
-    picture = read_matrix_row(folder, (1, 2)).picture((1, 2))[:-HEIGHT_PX]
+    picture = read_matrix_row(folder, (1, 2)).picture((1, 2))
+    picture = picture[: -find_caption_height(picture.shape[1])]
     side = picture.shape[0] // ROWS
     cells = picture[side // 2 :: side, side // 2 :: side, 0].astype(int)
     assert cells[1, 2] == 255 and cells[1, 1] == 0 and cells[0, 0] == 128

@@ -14,7 +14,7 @@ from pdcd.panels.map import Map
 from pdcd.pictures.picture import PictureWithErrors
 from pdcd.pictures.upright import FieldView
 from pdcd.pictures.written import previews
-from pdcd.pictures.written.picture_files import HEIGHT_PX, MARGIN_PX, STEP_PX
+from pdcd.pictures.written.picture_files import CAPTION_SHARES, find_caption_height
 from pdcd.pictures.written.previews import HATCH, Previews, write_previews
 
 Floats = NDArray[np.float64]
@@ -40,15 +40,17 @@ def flat(level: float) -> Floats:
 
 
 def middle(drawn: NDArray[np.uint8]) -> list[int]:
-    pixel: list[int] = drawn[(drawn.shape[0] - HEIGHT_PX) // 2, drawn.shape[1] // 2].tolist()
+    pixel: list[int] = drawn[
+        (drawn.shape[0] - find_caption_height(drawn.shape[1])) // 2, drawn.shape[1] // 2
+    ].tolist()
     return pixel
 
 
 def test_a_preview_is_the_field_with_a_strip_below() -> None:
     drawn = Previews({"white": picture(flat(0.6))}, VIEW).drawn("white")
-    assert drawn.shape == (240 + HEIGHT_PX, 320, 3) and drawn.dtype == np.uint8
+    assert drawn.shape == (240 + find_caption_height(320), 320, 3) and drawn.dtype == np.uint8
     wide = Previews({"white": picture(flat(0.6))}, FieldView(VIEW.map, 2.0)).drawn("white")
-    assert wide.shape == (160 + HEIGHT_PX, 320, 3)
+    assert wide.shape == (160 + find_caption_height(320), 320, 3)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +82,8 @@ def test_light_below_zero_is_darker_than_the_grey_of_none() -> None:
     assert none == 128
     assert above == 128 + round(255 * 0.8 ** (1 / 2.2)) // 2
     assert below == 127 - round(255 * 0.3 ** (1 / 2.2)) // 2
-    assert drawn[HEIGHT_PX // 2 - HEIGHT_PX, -MARGIN_PX - 3 * STEP_PX + 4, 0] == 128  # the scale
+    height, step, margin = (round(share * 320) for share in CAPTION_SHARES)
+    assert drawn[240 + height // 3, 320 - margin - 3 * step + 4, 0] == 128  # the scale
     dark = Previews({"white": picture(flat(0.0)), "dark": picture(-flat(1.0))}, VIEW)
     assert middle(dark.drawn("dark"))[0] < 30
 
