@@ -11,7 +11,6 @@ Not modelled: the speed of the USB, packets on their own, isochronous transfers,
 from __future__ import annotations
 
 import array
-import errno
 import struct
 import threading
 from collections import deque
@@ -21,7 +20,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import usb.backend
-import usb.core
 
 from ..ptp.codes import ClassRequest, ContainerType, ResponseCode
 from ..ptp.containers import (
@@ -32,6 +30,13 @@ from ..ptp.containers import (
     parse_header,
     parse_message,
 )
+from ..virtual_usb import (
+    STRING_DESCRIPTOR,
+    LibusbCode,
+    make_string_descriptor,
+    make_usb_error,
+    require_first,
+)
 from .body import DATA_OUT, CameraBody
 from .model import USB_ID
 from .reply import CameraReply
@@ -40,27 +45,6 @@ _BULK_IN, _BULK_OUT, _INTERRUPT_IN = 0x81, 0x02, 0x83
 _PACKET_BYTES = 512
 _FIRST_ADDRESS = 7
 _BULK, _INTERRUPT = 2, 3
-_STRING = 3
-_ENGLISH = 0x0409
-
-_IO, _NO_DEVICE, _NOT_FOUND, _BUSY, _TIMEOUT, _OVERFLOW, _PIPE = -1, -4, -5, -6, -7, -8, -9
-_ERRORS = {
-    _IO: ("Input/Output Error", errno.EIO),
-    _NO_DEVICE: ("No such device (it may have been disconnected)", errno.ENODEV),
-    _NOT_FOUND: ("Entity not found", errno.ENOENT),
-    _BUSY: ("Resource busy", errno.EBUSY),
-    _OVERFLOW: ("Overflow", errno.EOVERFLOW),
-    _PIPE: ("Pipe error", errno.EPIPE),
-}
-
-
-def _error(code: int) -> usb.core.USBError:
-    text, number = _ERRORS[code]
-    return usb.core.USBError(text, code, number)
-
-
-def _timed_out() -> usb.core.USBTimeoutError:
-    return usb.core.USBTimeoutError("Operation timed out", _TIMEOUT, errno.ETIMEDOUT)
 
 
 class _Transfer:
@@ -140,7 +124,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
 
     def get_configuration_descriptor(self, _dev: Any, config: int) -> Any:
         """The only configuration."""
-        _only(config)
+        require_first(config)
         return SimpleNamespace(
             bLength=9, bDescriptorType=2, wTotalLength=39, bNumInterfaces=1, bConfigurationValue=1,
             iConfiguration=0, bmAttributes=0xC0, bMaxPower=1, extra_descriptors=[],
@@ -148,7 +132,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
 
     def get_interface_descriptor(self, _dev: Any, intf: int, alt: int, config: int) -> Any:
         """The still image interface."""
-        _only(config, intf, alt)
+        require_first(config, intf, alt)
         return SimpleNamespace(
             bLength=9, bDescriptorType=4, bInterfaceNumber=0, bAlternateSetting=0, bNumEndpoints=3,
             bInterfaceClass=6, bInterfaceSubClass=1, bInterfaceProtocol=1, iInterface=0,
@@ -157,7 +141,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
 
     def get_endpoint_descriptor(self, _dev: Any, ep: int, intf: int, alt: int, config: int) -> Any:
         """Bulk in, bulk out, interrupt in."""
-        _only(config, intf, alt)
+        require_first(config, intf, alt)
         address, kind, size, interval = (
             (_BULK_IN, _BULK, _PACKET_BYTES, 0),
             (_BULK_OUT, _BULK, _PACKET_BYTES, 0),
@@ -203,14 +187,14 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
             holder = None  # it went with the device that it opened
             self._forget()
         if self.held_by_other or holder not in (None, dev_handle):
-            raise _error(_BUSY)
+            raise make_usb_error(LibusbCode.BUSY)
         self._claimed_by = dev_handle
 
     def release_interface(self, dev_handle: _Handle, _intf: int) -> None:
         """Release; ENOENT when it was not claimed."""
         self._alive(dev_handle)
         if self._claimed_by is not dev_handle:
-            raise _error(_NOT_FOUND)
+            raise make_usb_error(LibusbCode.NOT_FOUND)
         self._claimed_by = None
 
     def is_kernel_driver_active(self, _dev_handle: _Handle, _intf: int) -> bool:
@@ -219,11 +203,11 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
 
     def detach_kernel_driver(self, _dev_handle: _Handle, _intf: int) -> None:
         """ENOENT: there is none."""
-        raise _error(_NOT_FOUND)
+        raise make_usb_error(LibusbCode.NOT_FOUND)
 
     def attach_kernel_driver(self, _dev_handle: _Handle, _intf: int) -> None:
         """ENOENT: there is none."""
-        raise _error(_NOT_FOUND)
+        raise make_usb_error(LibusbCode.NOT_FOUND)
 
     def clear_halt(self, dev_handle: _Handle, ep: int) -> None:
         """Let the endpoint go on."""
@@ -251,7 +235,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
             except WireError:  # a camera that is sent nonsense halts
                 self._forget()
                 self._halted.add(ep)
-                raise _error(_PIPE) from None
+                raise make_usb_error(LibusbCode.PIPE) from None
             return len(view)
 
     def bulk_read(
@@ -261,12 +245,12 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         with self._transfer(dev_handle, ep):
             if not self._to_host:
                 self._wait(timeout)
-                raise _timed_out()
+                raise make_usb_error(LibusbCode.TIMEOUT)
             transfer = self._to_host[0]
             buffer = memoryview(buff).cast("B")
             if transfer.left > len(buffer) and len(buffer) % _PACKET_BYTES:
                 self._to_host.popleft()
-                raise _error(_OVERFLOW)  # a packet that does not fit is lost
+                raise make_usb_error(LibusbCode.OVERFLOW)  # a packet that does not fit is lost
             count = transfer.read_into(buffer)
             if not transfer.left and not (transfer.ends_empty and count == len(buffer)):
                 self._to_host.popleft()
@@ -279,7 +263,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         """A time-out: EOS bodies tell nothing here that `GetEvent` does not."""
         with self._transfer(dev_handle, ep):
             self._wait(timeout)
-            raise _timed_out()
+            raise make_usb_error(LibusbCode.TIMEOUT)
 
     def ctrl_transfer(
         self,
@@ -315,19 +299,13 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
                 code = ResponseCode.TRANSACTION_CANCELLED if halted else self.body.status()
                 length = 4 + 4 * len(halted)
                 return struct.pack(f"<HH{len(halted)}I", length, code, *halted)
-            case (0x80, 6) if value >> 8 == _STRING:
+            case (0x80, 6) if value >> 8 == STRING_DESCRIPTOR:
                 return self._string(value & 0xFF)
-        raise _error(_PIPE)
+        raise make_usb_error(LibusbCode.PIPE)
 
     def _string(self, index: int) -> bytes:
         info = self.body.model.info
-        if index == 0:
-            return struct.pack("<BBH", 4, _STRING, _ENGLISH)
-        texts = {1: info.manufacturer, 2: info.model, 3: info.serial}
-        if index not in texts:
-            raise _error(_PIPE)
-        units = texts[index].encode("utf-16-le")
-        return bytes([2 + len(units), _STRING]) + units
+        return make_string_descriptor(index, (info.manufacturer, info.model, info.serial))
 
     # Containers
 
@@ -363,7 +341,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         reply = self.body.transact(code, parameters, data)
         if reply.fault == "unplug":
             self._forget()
-            raise _error(_NO_DEVICE)
+            raise make_usb_error(LibusbCode.NO_DEVICE)
         if reply.fault in ("mute", "deaf"):
             return
         if reply.fault == "stall":
@@ -383,15 +361,15 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         """One transfer at a time, on a device that is there, claimed and not halted."""
         self._alive(handle)
         if self._claimed_by is not handle:
-            raise _error(_IO)
+            raise make_usb_error(LibusbCode.IO)
         with self._lock:
             if ep in self._halted:
-                raise _error(_PIPE)
+                raise make_usb_error(LibusbCode.PIPE)
             yield
 
     def _alive(self, handle: _Handle) -> None:
         if not self.body.plugged or handle.address != self.address:
-            raise _error(_NO_DEVICE)
+            raise make_usb_error(LibusbCode.NO_DEVICE)
 
     def _wait(self, timeout_ms: int) -> None:
         clock = self.body.clock
@@ -412,9 +390,3 @@ def _transfers(code: int, transaction: int, reply: CameraReply) -> list[_Transfe
         ContainerType.RESPONSE, reply.code, stated & 0xFFFFFFFF, reply.parameters
     )
     return [*found, _Transfer(message)]
-
-
-def _only(*indices: int) -> None:
-    """There is one of each: pyusb counts up until it meets an IndexError."""
-    if any(indices):
-        raise IndexError(indices)
