@@ -30,12 +30,14 @@ What crosses them
 Tools for displays
     `panels_of`          both panels as the configuration places them
     `draw`               the exact pixels that a panel must show at a row
-    `draw_planes`        the RGB picture that carries 24 rows, for DLPs
+    `draw_planes`        the RGB picture that carries 24 rows, for DLPs,
+    `draw_plane_words`   and the same as one word a pixel
     `check_fit`          for `load`: refuses what a panel cannot show,
     `check_binary`       what bit planes cannot,
     `check_row_times`    and rows with dark time or a delay of their own
     `streams`            what each panel is sent where the mask is delayed
     `play_all`           plays frames, and again what was missed, as the rig wants it
+    `join_logs`          the log of several passes
 
 Tools for cameras
     `write_dng`          samples -> a RAW file
@@ -117,8 +119,8 @@ if TYPE_CHECKING:
     )
     from pdcd.files.images import decode_jpeg
     from pdcd.files.watched import WatchedFile, WatchedFolder
-    from pdcd.panels.balance import play_all, streams
-    from pdcd.panels.draw import check_fit, draw, draw_planes
+    from pdcd.panels.balance import join_logs, play_all, streams
+    from pdcd.panels.draw import check_fit, draw, draw_plane_words, draw_planes
     from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames, check_row_times
     from pdcd.panels.patterns import check_binary
     from pdcd.printable import to_one_line
@@ -172,9 +174,11 @@ __all__ = [
     "decode_jpeg",
     "disk_errors",
     "draw",
+    "draw_plane_words",
     "draw_planes",
     "fault",
     "find_gap",
+    "join_logs",
     "load_profile",
     "merge_camera_options",
     "panels_of",
@@ -228,9 +232,9 @@ _ROOMS = {
     "pdcd.files.images": ("decode_jpeg",),
     "pdcd.files.watched": ("WatchedFile", "WatchedFolder"),
     "pdcd.printable": ("to_one_line",),
-    "pdcd.panels.balance": ("play_all", "streams"),
+    "pdcd.panels.balance": ("join_logs", "play_all", "streams"),
     "pdcd.panels.patterns": ("check_binary",),
-    "pdcd.panels.draw": ("check_fit", "draw", "draw_planes"),
+    "pdcd.panels.draw": ("check_fit", "draw", "draw_plane_words", "draw_planes"),
     "pdcd.panels.frames": ("BLACK", "WHITE", "FrameLog", "Frames", "check_row_times"),
     "pdcd.sensor.dng": ("write_dng",),
     "pdcd.sensor.profile": ("load_profile", "responsivity_e"),

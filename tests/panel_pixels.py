@@ -96,3 +96,11 @@ def from_pictures(
     for shown in zip(projector, mask, strict=True):
         recorder.add(*(part.astype(np.uint16) * 3 for part in shown))
     return recorder.shown()
+
+
+def pack_words(planes: Pixels) -> NDArray[np.uint32]:
+    """Planes (J, ...) bool as the bits of words."""
+    words = np.zeros(planes.shape[1:], dtype=np.uint32)
+    for bit, plane in enumerate(planes):
+        words += np.uint32(2**bit) * plane.astype(np.uint32)
+    return words

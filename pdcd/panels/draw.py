@@ -7,6 +7,7 @@ the same by the same whole numbers (`pdcd.panels.atoms`) on a graphics card.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from functools import lru_cache
 
@@ -17,7 +18,13 @@ from pdcd.errors import ConfigError
 from pdcd.panels.atoms import check_cells, find_atoms
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.map import PanelView
-from pdcd.panels.patterns import check_binary, has_cell_count, pack_planes, read_pattern_bytes
+from pdcd.panels.patterns import (
+    BIT_PLANES,
+    check_binary,
+    has_cell_count,
+    read_pattern_bytes,
+    split_planes,
+)
 from pdcd.panels.windows import ATOMS, GUARDS, find_window_kind
 
 WHITE_BYTE = 255
@@ -98,6 +105,43 @@ def check_fit(frames: Frames, panel: PanelView) -> None:
         )
 
 
+def draw_plane_words(frames: Frames, panel: PanelView, rows: Iterable[int]) -> NDArray[np.uint32]:
+    """Return up to 24 rows as bits of one word a pixel, (height, width) uint32.
+
+    Bit j is set where `draw` lights ``rows[j]``; bits without a row are 0. For displays whose
+    pictures are 24 bit planes: it looks a word up for each pixel, once, where `draw` would draw 24
+    times. Raises ConfigError as `draw` does, also for patterns with grey levels.
+    """
+    patterns = frames.dual_patterns if panel.mask else frames.primal_patterns
+    check_binary(patterns)
+    check_fit(frames, panel)
+    shown = frames.dual_index if panel.mask else frames.primal_index
+    opening = find_window_kind(frames.window)
+    width, height = panel.size_px
+    cells = width * height if frames.of_pixels else math.prod(frames.lattice)
+    tables: dict[tuple[str, int], NDArray[np.uint32]] = {}
+    for bit, row in enumerate(rows):
+        if bit == BIT_PLANES or (row != BLACK and not 0 <= row < len(frames)):
+            what = f"row {row}" if bit < BIT_PLANES else f"more than {BIT_PLANES} rows in a word"
+            raise ConfigError(f"the frames have no {what}", device="display")
+        index = BLACK if row == BLACK else int(shown[row])
+        if index == BLACK:
+            continue
+        moved = index >= 0 and opening.shifted
+        place = (frames.window if index >= 0 else "whole", int(frames.shift[row]) if moved else 0)
+        if place not in tables:
+            tables[place] = np.zeros(cells + 1, dtype=np.uint32)  # the last one is beside all cells
+        lit = 1 if index == WHITE else np.unpackbits(patterns[index], count=cells)
+        tables[place][:-1] |= np.asarray(lit, dtype=np.uint32) << np.uint32(bit)
+    words = np.zeros((height, width), dtype=np.uint32)
+    for place, table in tables.items():
+        if frames.of_pixels:
+            words |= table[:-1].reshape(height, width)
+        else:
+            words |= table.take(_cells(panel, frames.grid, *place))
+    return words
+
+
 def draw_planes(
     frames: Frames, panel: PanelView, rows: Iterable[int], order: str = "GRB"
 ) -> NDArray[np.uint8]:
@@ -106,7 +150,4 @@ def draw_planes(
     `rows` are those of `draw`, in the order they are shown; planes without one are black. `order`
     is that of `pdcd.panels.patterns`. Raises ConfigError, also for patterns with grey levels.
     """
-    check_binary(frames.dual_patterns if panel.mask else frames.primal_patterns)
-    planes = [draw(frames, panel, row) > 0 for row in rows]
-    none = np.zeros((0, *panel.size_px[::-1]), dtype=np.bool_)
-    return pack_planes(np.stack(planes) if planes else none, order)
+    return split_planes(draw_plane_words(frames, panel, rows), order)

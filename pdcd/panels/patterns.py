@@ -71,31 +71,21 @@ BIT_PLANES = 24
 """Bit planes of one RGB picture."""
 
 
-def pack_planes(planes: NDArray[np.bool_], order: str = "GRB") -> NDArray[np.uint8]:
-    """Up to 24 binary patterns as one RGB picture.
+def split_planes(words: NDArray[np.uint32], order: str = "GRB") -> NDArray[np.uint8]:
+    """Words of 24 bits as an RGB picture.
 
     Parameters
     ----------
-    planes : (J, ...) bool, J <= 24
-        Patterns in the order they are to be shown; those that are missing at the end are black.
-        Axes after the first (cells, or rows and columns of a panel) are kept.
+    words : bit j of each is plane j, in the order planes are shown.
     order : which colour holds planes 0-7, 8-15 and 16-23: a permutation of "RGB".
 
     Returns
     -------
     (..., 3) uint8, red, green and blue last. Raises ConfigError.
     """
-    colours = _colours(order)
-    if len(planes) > BIT_PLANES:
-        raise ConfigError(
-            f"{len(planes)} planes do not fit one picture", hint=f"give at most {BIT_PLANES}"
-        )
-    full = np.zeros((BIT_PLANES, *planes.shape[1:]), dtype=np.uint8)
-    full[: len(planes)] = planes
-    weights = (1 << np.arange(8)).astype(np.uint8)
-    values = np.tensordot(weights, full.reshape(3, 8, *planes.shape[1:]), axes=(0, 1))
-    picture = np.empty((*planes.shape[1:], 3), dtype=np.uint8)
-    picture[..., colours] = np.moveaxis(values, 0, -1)
+    picture = np.empty((*words.shape, 3), dtype=np.uint8)
+    for group, colour in enumerate(_colours(order)):
+        picture[..., colour] = words >> np.uint32(8 * group)
     return picture
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -12,12 +12,12 @@ import pytest
 
 from pdcd.errors import ConfigError
 from pdcd.panels.atoms import OUTSIDE, find_atoms
-from pdcd.panels.draw import check_fit, draw, draw_planes
+from pdcd.panels.draw import check_fit, draw, draw_plane_words, draw_planes
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.map import Map, PanelView
-from pdcd.panels.patterns import pack_bits, pack_levels, pack_planes
+from pdcd.panels.patterns import pack_bits, pack_levels, split_planes
 from pdcd.panels.placing import Placing, make_placed_map
-from tests.panel_pixels import planned, random_frames, upright
+from tests.panel_pixels import pack_words, planned, random_frames, upright
 
 SIZE = (45, 35)
 MASK = upright(SIZE, mask=True)
@@ -69,9 +69,34 @@ def test_planes_are_rows(mask: bool) -> None:
     panel = upright(SIZE, mask=mask)
     found = draw_planes(frames, panel, rows, order="RBG")
     planes = [draw(frames, panel, row) == 255 for row in rows]
-    np.testing.assert_array_equal(found, pack_planes(np.stack(planes), "RBG"))
+    np.testing.assert_array_equal(found, split_planes(pack_words(np.stack(planes)), "RBG"))
     assert found.shape == (35, 45, 3)
     assert not draw_planes(frames, panel, []).any()
+
+
+@pytest.mark.parametrize("mask", [False, True])
+@pytest.mark.parametrize("place", [Placing(), BENT], ids=["upright", "bent"])
+@pytest.mark.parametrize("window", ["whole", "quarter", "side-5/8", "side-7/8"])
+def test_words_hold_what_is_drawn(window: str, place: Placing, mask: bool) -> None:
+    """Under all sub-shifts, with blacks, whites and guards among them, one row twice."""
+    role: Literal["mask", "projector"] = "mask" if mask else "projector"
+    panel = PanelView(role, make_placed_map(place, SIZE, SIZE, "panel"))
+    frames = random_frames((7, 11), window, 20)
+    rows = [*range(20), BLACK, 3, 19, 16]
+    found = draw_plane_words(frames, panel, iter(rows))
+    assert found.dtype == np.uint32 and found.shape == SIZE[::-1]
+    for bit, row in enumerate(rows):
+        np.testing.assert_array_equal(found >> bit & 1, draw(frames, panel, row) // 255)
+    assert not (found >> 24).any()
+    with pytest.raises(ConfigError, match="more than 24 rows"):
+        draw_plane_words(frames, panel, [0] * 25)
+
+
+def test_words_of_pixels() -> None:
+    frames = frames_of_pixels()
+    found = draw_plane_words(frames, SMALL_MASK, [2, 0, 1])
+    for bit, row in enumerate([2, 0, 1]):
+        np.testing.assert_array_equal(found >> bit & 1, draw(frames, SMALL_MASK, row) // 255)
 
 
 def test_what_cannot_be_drawn_is_refused() -> None:
