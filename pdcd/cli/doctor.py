@@ -26,10 +26,21 @@ Before there is a configuration a Canon is looked for."""
 
 
 def diagnose_display(args: argparse.Namespace) -> int:
-    """Look at the X server and at both panels; fails when anything must be mended."""
+    """Look at both panels, and at their X server; fails when anything must be mended."""
+    findings = _examine_panels(load_config(args.config), args.display)
+    return _report(findings, as_json=args.json)
+
+
+def _examine_panels(config: Config, display_name: str | None) -> Iterator[Finding]:
+    from pdcd.bench.clock import RealClock
+    from pdcd.bench.devices import DriverContext
     from pdcd.presenter.examine import examine_display
 
-    return _report(examine_display(load_config(args.config), args.display), as_json=args.json)
+    if config.display.driver != "dlpc900":
+        return examine_display(config, display_name)
+    examine = import_driver_module("dlpc900.doctor").examine_dlpc900
+    found: Iterator[Finding] = examine(DriverContext(config=config, clock=RealClock()))
+    return found
 
 
 def diagnose_camera(args: argparse.Namespace) -> int:
@@ -58,10 +69,9 @@ def _examine_camera(config: Config, raw: Path | None) -> Iterator[Finding]:
 def examine_bench(config: Config) -> Iterator[Finding]:
     """Yield what all doctors find of the devices that a configuration names; nothing is exposed."""
     from pdcd.bench.click import examine_shutter
-    from pdcd.presenter.examine import examine_display
 
-    if config.display.driver == "x11":
-        yield from examine_display(config)
+    if config.display.driver in ("x11", "dlpc900"):
+        yield from _examine_panels(config, None)
     if config.camera.driver in ("ptp", "genicam"):
         yield from _examine_camera(config, None)
     yield from examine_shutter(config, click=False)

@@ -69,6 +69,17 @@ def test_a_doctor_ends_with_what_there_is_to_mend(
     assert asked == [(Config(), ":7"), (Config(), None)]
 
 
+def test_the_doctor_of_dmds_needs_no_x_server(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr("drivers.dlpc900.doctor.examine_dlpc900", noting(asked, [GOOD]))
+    (tmp_path / "dmd.toml").write_text('[display]\ndriver = "dlpc900"\n')
+    assert main(["doctor", "display", "--config", str(tmp_path / "dmd.toml")]) == 0
+    assert capsys.readouterr().out.endswith("nothing to mend\n")
+    assert [one.config.display.driver for one in asked] == ["dlpc900"]
+
+
 @pytest.mark.parametrize(("seconds", "fits"), [("0", True), ("5", True), ("5.1", False),
                                                ("-0.1", False)])  # fmt: skip
 def test_a_shutter_is_open_no_longer_than_any_exposure(

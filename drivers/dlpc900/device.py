@@ -1,0 +1,291 @@
+"""One DMD behind a DLPC900: its planes, its table of entries, and its black.
+
+Picture 0 holds a plane without light and nothing else, and is loaded before any other: an endless
+sequence of that plane is black whatever mirrors do between sequences, which no guide tells. All
+other planes lie 24 a picture, and stay where they are while they are wanted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.driver import Clock, ConfigError, DeviceLost, SyncError
+
+from .commands import (
+    DMD_KINDS,
+    NORMAL,
+    ON_THE_FLY,
+    PICTURE_PART_B,
+    PICTURE_SLOTS,
+    STANDBY,
+    START,
+    STOP,
+    Command,
+    Hardware,
+    Main,
+    pack_entry,
+    pack_table,
+)
+from .erle import encode_picture
+from .link import DeviceLink
+from .options import Dlpc900Options
+
+BLACK_PLANE = b""
+"""Key of the plane without light."""
+PLANES = 24
+_BLACK_US = 1000
+"""Length of the one entry of black."""
+_READY_S, _PAUSE_S = 3.0, 0.02
+"""How long a device may take to wake up, change its mode or start; until it is asked again."""
+_USUAL_LEAST_US = 105
+DrawWords = Callable[[Sequence[bytes]], NDArray[np.uint32]]
+"""Planes of these keys as the bits of words, (height, width)."""
+
+
+class TableEntry(NamedTuple):
+    """What one entry shows: the plane of a key, for so long, then dark for so long."""
+
+    plane: bytes
+    exposure_us: int
+    dark_us: int = 0
+
+
+class DmdPanel:
+    """A panel that `take_over` has made black. Raises what `DeviceLink` does."""
+
+    def __init__(
+        self, link: DeviceLink, options: Dlpc900Options, clock: Clock, size_px: tuple[int, int]
+    ) -> None:
+        """size_px : as configured, of devices that do not tell their kind."""
+        self.link, self.role, self.size_px = link, link.role, size_px
+        self.kind, self.firmware = "DLPC900", ""
+        self.least_us, self.most_entries, self.most_planes = _USUAL_LEAST_US, 400, 399
+        self._options, self._clock = options, clock
+        self._halves: list[tuple[Command, Command]] = []
+        self._table: list[bytes] = []
+        self._pictures: list[tuple[bytes, ...]] = [()] * PICTURE_SLOTS
+        self._status = Hardware(0)
+        self._is_black = False
+
+    def take_over(self) -> None:
+        """See what it is, and make it black."""
+        self._identify()
+        link = self.link
+        if self._main() & Main.PARKED:
+            link.tell(Command.POWER, bytes([NORMAL]))
+            self._wait_until(lambda: not self._main() & Main.PARKED, "stays parked")
+        with suppress(DeviceLost):  # where it shows no patterns it may refuse that
+            self._stop()
+            link.tell(Command.IDLE, bytes([0]))
+        link.tell(Command.MODE, bytes([ON_THE_FLY]))
+        self._wait_until(
+            lambda: link.ask(Command.MODE)[:1] == bytes([ON_THE_FLY]), "does not take patterns"
+        )
+        self._stop()
+        self.least_us = int.from_bytes(link.ask(Command.LEAST_EXPOSURE)[:2], "little")
+        self.least_us = self.least_us or _USUAL_LEAST_US
+        link.tell(Command.TRIGGER_OUT_1, bytes(5))  # not inverted, edges where an exposure has them
+        self.set_trigger_delay(self.least_us)
+        self._program(self._black_entries, 0)
+        self._upload(0, (BLACK_PLANE,), np.zeros(self.size_px[::-1], dtype=np.uint32))
+        self._start()
+
+    def set_trigger_delay(self, delay_us: int) -> None:
+        """Let an edge on TRIG_IN_1 act so much later, which may not be less than `least_us`."""
+        falling = self._options.edge == "falling"
+        self.link.tell(Command.TRIGGER_IN_1, delay_us.to_bytes(2, "little") + bytes([falling]))
+
+    def load(self, table: Sequence[TableEntry], planes: Sequence[bytes], draw: DrawWords) -> int:
+        """Take over planes and a table of them, then go black; how many pictures were sent.
+
+        planes : keys of those that have light, all different, `most_planes` at most.
+        """
+        plan = self._place(planes)
+        for number in plan:
+            self._pictures[number] = ()  # until it is whole
+        self._is_black = False
+        self._stop()
+        self._program(table, len(table), plan)
+        for number in sorted(plan, reverse=True):  # the last one first, as the guide has it
+            self._upload(number, plan[number], draw(plan[number]))
+        self.black()
+        return len(plan)
+
+    def start(self, table: Sequence[TableEntry], *, shown: int | None, waits: bool = False) -> None:
+        """Show a table of loaded planes: so many entries of it in all (None: all over and over),
+        the first as soon as TRIG_IN_1 says so where it `waits`: until then it is black."""
+        self._is_black = False
+        self._stop()
+        self._program(table, 0 if shown is None else shown, waits=waits)
+        self._status = self._hardware()
+        self._start()
+        if waits or shown is None:
+            self._wait_until(self.is_running, "does not start its sequence")
+
+    def is_running(self) -> bool:
+        """Whether a sequence is shown, or waits for its trigger."""
+        return bool(self._main() & Main.RUNNING)
+
+    def check_sequence(self) -> None:
+        """Raise SyncError where the device says that the last sequence went wrong."""
+        bad = self._hardware() & ~self._status & (Hardware.ABORTED | Hardware.SEQUENCE_FAULT)
+        if bad:
+            raise SyncError(
+                f"gave up its sequence ({bad.name})",
+                device=self.role,
+                hint="keep its trigger lines still, and take longer rows or dark times",
+            )
+
+    def black(self) -> None:
+        """Show the plane without light, for ever, from whatever state; or see that it still is."""
+        if self._is_black:
+            if self.is_running():
+                return
+            self._table = []  # somebody else has been at it
+        self.start(self._black_entries, shown=None)
+        self._is_black = True
+
+    def close(self) -> None:
+        """Leave it as the options say, and let it go; what was lost already is only let go."""
+        try:
+            self.black()
+            if self._options.rest != "black":
+                self._is_black = False
+                self._stop()
+                command = Command.POWER if self._options.rest == "standby" else Command.IDLE
+                self.link.tell(command, bytes([STANDBY]))
+        finally:
+            self.link.close()
+
+    @property
+    def _black_entries(self) -> list[TableEntry]:
+        return [TableEntry(BLACK_PLANE, max(_BLACK_US, self.least_us))]
+
+    def _identify(self) -> None:
+        """What it is; raises DeviceLost for one that is not fit, ConfigError for another size."""
+        status = self._hardware()
+        wrong = status & (Hardware.INCOMPATIBLE | Hardware.RESET_FAULT | Hardware.FORCED_SWAP)
+        if wrong or not status & Hardware.READY:
+            why = wrong.name or "not initialised"
+            raise DeviceLost(
+                f"is not fit to work: {why} (status {int(status):#04x})",
+                device=self.role,
+                hint="check the cable to its mirrors, switch it off and on, update its firmware",
+            )
+        self._halves = [(Command.PICTURE_BEGIN, Command.PICTURE_DATA)]
+        if status & Hardware.SECONDARY:
+            self._halves.append((Command.SECOND_BEGIN, Command.SECOND_DATA))
+        version = self.link.try_ask(Command.VERSION) or b""
+        if len(version) >= 4:
+            patch = int.from_bytes(version[:2], "little")
+            self.firmware = f"{version[3]}.{version[2]}.{patch}"
+        told = self.link.try_ask(Command.KIND) or b"\0"
+        if told[0] not in DMD_KINDS:
+            return
+        self.kind, size_px, self.most_entries, planes = DMD_KINDS[told[0]]
+        self.most_planes = min(planes - 1, PLANES * (PICTURE_SLOTS - 1))  # beside black
+        if size_px != self.size_px:
+            (width, height), table = size_px, self.role
+            raise ConfigError(
+                f"is a {self.kind} of {width} x {height} mirrors, and {table}.size_px says "
+                f"{self.size_px[0]} x {self.size_px[1]}",
+                device=self.role,
+                hint=f"set {table}.size_px = [{width}, {height}]",
+            )
+
+    def _place(self, planes: Sequence[bytes]) -> dict[int, tuple[bytes, ...]]:
+        """Find a place for planes that are not loaded yet: pictures to send, by their numbers."""
+        there = {key for held in self._pictures for key in held}
+        missing = [key for key in planes if key not in there]
+        free = [n for n in range(1, PICTURE_SLOTS) if set(planes).isdisjoint(self._pictures[n])]
+        free.sort(key=lambda number: bool(self._pictures[number]))  # empty ones first
+        if PLANES * len(free) < len(missing):  # what is wanted lies too far apart
+            missing, free = list(planes), list(range(1, PICTURE_SLOTS))
+            self._pictures[1:] = [()] * (PICTURE_SLOTS - 1)
+        groups = [tuple(missing[n : n + PLANES]) for n in range(0, len(missing), PLANES)]
+        return dict(zip(free, groups, strict=False))
+
+    def _program(
+        self,
+        table: Sequence[TableEntry],
+        shown: int,
+        plan: Mapping[int, tuple[bytes, ...]] = MappingProxyType({}),
+        *,
+        waits: bool = False,
+    ) -> None:
+        """Send what of a table the device does not have yet, and make it valid. plan : pictures
+        that are loaded next."""
+        held = dict(enumerate(self._pictures)) | dict(plan)
+        places = {key: (number, bit) for number in held for bit, key in enumerate(held[number])}
+        places[BLACK_PLANE] = (0, 0)
+        options = self._options.led, self._options.trigger_bit
+        packed = [
+            pack_entry(
+                n,
+                (one.exposure_us, one.dark_us),
+                places[one.plane],
+                (int(waits and n == 0), *options),
+            )
+            for n, one in enumerate(table)
+        ]
+        had, self._table = self._table, []  # not known until all of it was taken
+        try:
+            self._send_table(packed, had, shown)
+        except ConfigError:
+            if not had:
+                raise
+            had = []
+            self._send_table(packed, had, shown)  # it may have forgotten what it had
+        self._table = [*packed, *had[len(packed) :]]
+
+    def _send_table(self, packed: list[bytes], had: list[bytes], shown: int) -> None:
+        for number, entry in enumerate(packed):
+            if number >= len(had) or had[number] != entry:
+                self.link.tell(Command.ENTRY, entry)
+        self.link.tell(Command.TABLE, pack_table(len(packed), shown))
+        told = self.link.try_ask(Command.TABLE)
+        found = int.from_bytes(told[:2], "little") if told else len(packed)
+        if found != len(packed):
+            raise ConfigError(
+                f"took {found} of {len(packed)} entries", device=self.role, hint="take fewer codes"
+            )
+
+    def _upload(self, number: int, keys: tuple[bytes, ...], words: NDArray[np.uint32]) -> None:
+        """Send a picture, a half of it to each controller. keys : of its planes."""
+        options = self._options
+        for (begin, data), half in zip(
+            self._halves, np.split(words, len(self._halves), axis=1), strict=True
+        ):
+            packed = encode_picture(half, options.plane_order, options.copy_above)
+            size = len(packed).to_bytes(4, "little")
+            self.link.tell(begin, number.to_bytes(2, "little") + size)
+            for at in range(0, len(packed), PICTURE_PART_B):
+                part = packed[at : at + PICTURE_PART_B]
+                self.link.pour(data, len(part).to_bytes(2, "little") + part)
+            self.link.check_errors(data)
+        self._pictures[number] = keys
+
+    def _stop(self) -> None:
+        self.link.tell(Command.RUN, bytes([STOP]))
+
+    def _start(self) -> None:
+        self.link.tell(Command.RUN, bytes([START]))
+
+    def _main(self) -> Main:
+        return Main(self.link.ask(Command.MAIN)[0])
+
+    def _hardware(self) -> Hardware:
+        return Hardware(self.link.ask(Command.HARDWARE)[0])
+
+    def _wait_until(self, done: Callable[[], bool], what: str) -> None:
+        until_ns = self._clock.now_ns() + round(_READY_S * 1e9)
+        while not done():
+            if self._clock.now_ns() >= until_ns:
+                raise DeviceLost(what, device=self.role, hint="switch it off and on")
+            self._clock.sleep_until_ns(self._clock.now_ns() + round(_PAUSE_S * 1e9))

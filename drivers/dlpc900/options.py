@@ -1,0 +1,74 @@
+"""[display.options] of the driver `dlpc900`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from pdcd.driver import Config, ConfigError, read_options
+
+from .erle import CopyAbove, PlaneOrder
+
+_HINT = "docs/dlpc900.md lists the options of the driver dlpc900"
+_Name = Annotated[str, Meta(min_length=1)]
+
+
+class Dlpc900Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Which two devices, how they start, and what the guides leave open."""
+
+    projector: _Name
+    mask: _Name
+    """Serial number of each, or the port it is plugged into ("1-4.2"); `pdcd doctor display` lists
+    both."""
+    usb: _Name = "libusb"
+    """The machine's own, or the name of a driver of the role `usb`."""
+    start: Literal["trigger", "chain", "software"] = "trigger"
+    """What starts a sequence: one edge on TRIG_IN_1 of both, from the camera; the computer, and
+    TRIG_OUT_1 of the projector starts the mask by its TRIG_IN_1; the computer, each by itself."""
+    edge: Literal["rising", "falling"] = "rising"
+    """Which edge on TRIG_IN_1."""
+    plane_order: PlaneOrder = "GBR"
+    """Which byte of a pixel holds planes 0-7, 8-15 and 16-23, R being sent first: "GBR" as TI's
+    programs have it, "BGR" as others do."""
+    copy_above: CopyAbove = "lines"
+    """What compressed pictures may copy from the line above: whole lines, "parts" of a line (which
+    is much shorter for turned panels), or nothing."""
+    trigger_bit: Literal[0, 1] = 1
+    """Bit 0 of byte 9 of each entry: whether TRIG_OUT_2 pulses, or is quiet; guide and programs
+    disagree which is which."""
+    led: Annotated[int, Meta(ge=0, le=7)] = 1
+    """LEDs that are lit with each plane, as bits."""
+    rest: Literal["black", "standby", "idle"] = "black"
+    """What mirrors do once the display is closed: hold black, park, or toggle evenly to last
+    longer. Only black is dark."""
+
+    @property
+    def in_process(self) -> bool:
+        """Whether the devices are virtual ones."""
+        return self.usb != "libusb"
+
+
+def read_dlpc900_options(config: Config) -> Dlpc900Options:
+    """The options of this rig's display. Raises ConfigError where they are wrong."""
+    options = read_options(
+        config.display.options,
+        Dlpc900Options,
+        table="display.options",
+        device="display",
+        hint=_HINT,
+    )
+    if options.projector == options.mask:
+        raise ConfigError(
+            f"projector and mask are both {options.mask!r}",
+            device="display",
+            hint="name two devices; pdcd doctor display lists them",
+        )
+    if config.display.planes_per_refresh > 1:
+        raise ConfigError(
+            "display.planes_per_refresh is of DLPs on a video signal",
+            device="display",
+            hint="leave it out: the driver dlpc900 shows one row a plane",
+        )
+    return options

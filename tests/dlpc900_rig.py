@@ -1,0 +1,345 @@
+"""Scripted DLPC900s for tests of their driver: a pyusb backend that writes down what it is sent.
+
+No model of the device: it answers what a test lays down, takes tables apart by the guide's bytes
+only as far as to know how long they run, and knows nothing of what may follow what.
+"""
+
+from __future__ import annotations
+
+import errno
+import struct
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+import usb.backend
+import usb.core
+from numpy.typing import NDArray
+
+from drivers.dlpc900.display import Dlpc900Display
+from pdcd.bench.clock import VirtualClock
+from pdcd.bench.devices import Clock, DriverContext, SharedState
+from pdcd.bench.tables import Config, DisplayConfig, PanelConfig
+
+SIZE = (96, 64)
+ROW_US = 125
+NO_DEVICE = usb.core.USBError("no such device", -4, errno.ENODEV)
+
+
+def timed_out() -> usb.core.USBTimeoutError:
+    return usb.core.USBTimeoutError("timed out", -7, errno.ETIMEDOUT)
+
+
+class Sent(NamedTuple):
+    """One command as the device was sent it."""
+
+    flags: int
+    command: int
+    data: bytes
+
+
+@dataclass
+class ScriptedDmd:
+    """One device. answers : of reads, by command. refuses : commands, with their error code."""
+
+    clock: Clock
+    serial: str
+    port: tuple[int, ...]
+    answers: dict[int, bytes] = field(default_factory=dict)
+    refuses: dict[int, int] = field(default_factory=dict)
+    on_report: Callable[[int], None] = lambda _: None
+    silent: bool = False
+    open_error: usb.core.USBError | None = None
+    stale: int = 0
+    wired: ScriptedDmd | None = None
+
+    def __post_init__(self) -> None:
+        self.sent: list[Sent] = []
+        self.kernel = True
+        self.reports = 0
+        self.mode, self.code = 0, 0
+        self.entries: dict[int, bytes] = {}
+        self.table = (0, 0)
+        self.runs_from_ns: int | None = None
+        self.waits = False
+        self.pictures: dict[tuple[int, int], bytes] = {}
+        self._loads: dict[int, int] = {}
+        self._packet = bytearray()
+        self._replies: deque[bytes] = deque()
+
+    def take(self, report: bytes) -> None:
+        assert len(report) == 64
+        self.on_report(self.reports)
+        self.reports += 1
+        self._packet += report
+        length = 4 + int.from_bytes(self._packet[2:4], "little")
+        assert length <= 512
+        if len(self._packet) < length:
+            return
+        packet, self._packet = bytes(self._packet[:length]), bytearray()
+        flags, sequence, _, command = struct.unpack_from("<BBHH", packet)
+        self.sent.append(Sent(flags, command, packet[6:]))
+        refused = command in self.refuses
+        if refused:
+            self.code = self.refuses[command]
+        elif command not in (0x0100, 0x0101):
+            self.code = 0
+        if not refused and not flags & 0x80:
+            self._obey(command, packet[6:])
+        if flags & 0x40 and not self.silent:
+            data = self._answer(command) if flags & 0x80 and not refused else b""
+            for number in range(self.stale):
+                self._replies.append(bytes([0x40, (sequence + 1 + number) % 256, 1, 0, 9]))
+            head = struct.pack("<BBH", flags | (0x20 if refused else 0), sequence, len(data))
+            self._replies.append((head + data).ljust(64, b"\0"))
+
+    def give(self) -> bytes:
+        if not self._replies:
+            raise timed_out()
+        return self._replies.popleft()
+
+    def trigger(self) -> None:
+        """An edge on TRIG_IN_1."""
+        if self.waits:
+            self.waits = False
+            self.runs_from_ns = self.clock.now_ns()
+
+    @property
+    def running(self) -> bool:
+        if self.waits or self.runs_from_ns is None:
+            return self.waits
+        count, shown = self.table
+        lasts = sum(
+            int.from_bytes(e[2:5], "little") + int.from_bytes(e[6:9], "little")
+            for e in (self.entries[n] for n in range(count))
+        )
+        return not shown or self.clock.now_ns() < self.runs_from_ns + 1000 * lasts
+
+    @property
+    def black(self) -> bool:
+        """Whether it shows nothing but its plane without light, or waits."""
+        if self.waits:
+            return True
+        count, _ = self.table
+        return self.running and all(not self.plane(*self.place_of(n)).any() for n in range(count))
+
+    def place_of(self, entry: int) -> tuple[int, int]:
+        both = int.from_bytes(self.entries[entry][10:12], "little")
+        return both & 0x7FF, both >> 11
+
+    def plane(self, picture: int, bit: int) -> NDArray[np.bool_]:
+        """A plane as it is loaded, of the whole panel: bytes hold planes 16-23, 0-7, 8-15."""
+        halves = [decode_picture(data) for (n, _), data in sorted(self.pictures.items())
+                  if n == picture]  # fmt: skip
+        pixels = np.concatenate(halves, axis=1)
+        return np.asarray(pixels[..., (1, 2, 0)[bit // 8]] >> bit % 8 & 1, dtype=np.bool_)
+
+    def said(self, *commands: int) -> list[Sent]:
+        return [one for one in self.sent if one.command in commands]
+
+    def _obey(self, command: int, data: bytes) -> None:
+        if command == 0x1A1B:
+            self.mode = data[0]
+        elif command == 0x1A34:
+            self.entries[int.from_bytes(data[:2], "little")] = data
+        elif command == 0x1A31:
+            self.table = struct.unpack("<HI", data)
+        elif command == 0x1A24:
+            self.runs_from_ns, self.waits = None, False
+            if data[0] == 2:
+                self.waits = 0 in self.entries and bool(self.entries[0][5] & 0x80)
+                if not self.waits:
+                    self.runs_from_ns = self.clock.now_ns()
+                    if self.wired is not None:
+                        self.wired.trigger()
+        elif command in (0x1A2A, 0x1A2C):
+            self._loads[command] = int.from_bytes(data[:2], "little")
+            self.pictures[self._loads[command], command] = b""
+        elif command - 1 in self._loads:
+            assert int.from_bytes(data[:2], "little") == len(data) - 2
+            self.pictures[self._loads[command - 1], command - 1] += data[2:]
+
+    def _answer(self, command: int) -> bytes:
+        if command == 0x1A0C:
+            found = self.answers.get(command, b"\0")[0]
+            return bytes([found | (2 if self.running else 0)])
+        usual = {
+            0x0100: bytes([self.code]),
+            0x0101: b"pattern out of range\0",
+            0x0205: bytes([1, 0, 2, 6] + [0] * 12),
+            0x0206: bytes(33),
+            0x1A0A: bytes([1]),
+            0x1A1B: bytes([self.mode]),
+            0x1A31: struct.pack("<HI", *self.table),
+            0x1A42: (105).to_bytes(2, "little"),
+        }
+        return self.answers.get(command, usual.get(command, b""))
+
+
+def decode_picture(data: bytes) -> NDArray[np.uint8]:
+    """Pixels of a picture as its three bytes, (height, width, 3), by the words of the guide."""
+    assert data[:4] == b"Spld" and data[12:20] == b"\xff" * 8
+    width, height, size = struct.unpack_from("<HHI", data, 4)
+    kind, stream = data[25], data[48:]
+    assert len(stream) == size
+    if kind == 0:
+        return np.frombuffer(stream, np.uint8).reshape(height, width, 3)
+    pixels = np.zeros((height * width, 3), dtype=np.uint8)
+    at = done = 0
+
+    def count(at: int) -> tuple[int, int]:
+        first = stream[at]
+        return (first, at + 1) if first < 128 else (first - 128 + 128 * stream[at + 1], at + 2)
+
+    while stream[at : at + 3] != b"\0\1\0":
+        if stream[at] == 0:
+            assert stream[at + 1] == 1
+            number, at = count(at + 2)
+            pixels[done : done + number] = pixels[done - width : done - width + number]
+        else:
+            number, at = count(at)
+            pixels[done : done + number] = list(stream[at : at + 3])
+            at += 3
+        assert done // width == (done + number - 1) // width, "a piece goes beyond its line"
+        done += number
+    assert at == size - 3 and done == height * width
+    return pixels.reshape(height, width, 3)
+
+
+class ScriptedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no types
+    """A USB with such devices on it."""
+
+    def __init__(self, *dmds: ScriptedDmd) -> None:
+        super().__init__()
+        self.dmds = list(dmds)
+        self.claimed: set[str] = set()
+
+    def enumerate_devices(self) -> Iterator[Any]:
+        return iter(self.dmds)
+
+    def get_parent(self, _dev: Any) -> None:
+        return None
+
+    def get_device_descriptor(self, dev: Any) -> Any:
+        return SimpleNamespace(
+            bLength=18, bDescriptorType=1, bcdUSB=0x0110, bDeviceClass=0, bDeviceSubClass=0,
+            bDeviceProtocol=0, bMaxPacketSize0=64, idVendor=0x0451, idProduct=0xC900,
+            bcdDevice=1, iManufacturer=1, iProduct=2, iSerialNumber=3, bNumConfigurations=1,
+            bus=1, address=5 + self.dmds.index(dev), port_number=dev.port[-1],
+            port_numbers=dev.port, speed=2,
+        )  # fmt: skip
+
+    def get_configuration_descriptor(self, _dev: Any, config: int) -> Any:
+        if config:
+            raise IndexError(config)
+        return SimpleNamespace(
+            bLength=9, bDescriptorType=2, wTotalLength=41, bNumInterfaces=1, bConfigurationValue=1,
+            iConfiguration=0, bmAttributes=0xC0, bMaxPower=1, extra_descriptors=[],
+        )  # fmt: skip
+
+    def get_interface_descriptor(self, _dev: Any, intf: int, alt: int, config: int) -> Any:
+        if intf or alt or config:
+            raise IndexError(intf, alt)
+        return SimpleNamespace(
+            bLength=9, bDescriptorType=4, bInterfaceNumber=0, bAlternateSetting=0, bNumEndpoints=2,
+            bInterfaceClass=3, bInterfaceSubClass=0, bInterfaceProtocol=0, iInterface=0,
+            extra_descriptors=[],
+        )  # fmt: skip
+
+    def get_endpoint_descriptor(self, _dev: Any, ep: int, intf: int, alt: int, config: int) -> Any:
+        return SimpleNamespace(
+            bLength=7, bDescriptorType=5, bEndpointAddress=(0x81, 0x01)[ep], bmAttributes=3,
+            wMaxPacketSize=64, bInterval=1, bRefresh=0, bSynchAddress=0, extra_descriptors=[],
+        )  # fmt: skip
+
+    def open_device(self, dev: ScriptedDmd) -> ScriptedDmd:
+        if dev.open_error is not None and dev.open_error.errno == errno.EACCES:
+            raise dev.open_error
+        return dev
+
+    def close_device(self, dev_handle: ScriptedDmd) -> None:
+        self.claimed.discard(dev_handle.serial)
+
+    def get_configuration(self, _dev_handle: ScriptedDmd) -> int:
+        return 1
+
+    def claim_interface(self, dev_handle: ScriptedDmd, _intf: int) -> None:
+        if dev_handle.open_error is not None:
+            raise dev_handle.open_error
+        if dev_handle.kernel:
+            raise usb.core.USBError("busy", -6, errno.EBUSY)
+        self.claimed.add(dev_handle.serial)
+
+    def release_interface(self, dev_handle: ScriptedDmd, _intf: int) -> None:
+        self.claimed.discard(dev_handle.serial)
+
+    def is_kernel_driver_active(self, dev_handle: ScriptedDmd, _intf: int) -> bool:
+        return dev_handle.kernel
+
+    def detach_kernel_driver(self, dev_handle: ScriptedDmd, _intf: int) -> None:
+        dev_handle.kernel = False
+
+    def attach_kernel_driver(self, dev_handle: ScriptedDmd, _intf: int) -> None:
+        dev_handle.kernel = True
+
+    def intr_write(self, dev_handle: ScriptedDmd, ep: int, _intf: int, data: Any, _ms: int) -> int:
+        assert ep == 0x01
+        dev_handle.take(bytes(data))
+        return len(data)
+
+    def intr_read(self, dev_handle: ScriptedDmd, ep: int, _intf: int, buff: Any, ms: int) -> int:
+        assert ep == 0x81
+        try:
+            reply = dev_handle.give()
+        except usb.core.USBTimeoutError:
+            clock = dev_handle.clock
+            clock.sleep_until_ns(clock.now_ns() + 1_000_000 * ms)
+            raise
+        memoryview(buff).cast("B")[: len(reply)] = reply
+        return len(reply)
+
+    def ctrl_transfer(
+        self, dev_handle: ScriptedDmd, _kind: int, _request: int, value: int, _index: int,
+        data: Any, _ms: int,
+    ) -> int:  # fmt: skip
+        text = dev_handle.serial.encode("utf-16-le") if value & 0xFF else b"\x09\x04"
+        reply = bytes([2 + len(text), 3]) + text
+        view = memoryview(data).cast("B")
+        count = min(len(reply), len(view))
+        view[:count] = reply[:count]
+        return count
+
+
+class Dlpc900Rig:
+    """Two scripted devices and the driver that shows frames on them."""
+
+    def __init__(self, *, clock: Clock | None = None, **options: Any) -> None:
+        self.clock = clock or VirtualClock()
+        self.dmds = [ScriptedDmd(self.clock, name, (2, n)) for n, name in enumerate("AB", 1)]
+        self.usb = ScriptedUsb(*self.dmds)
+        self.options = {"projector": "A", "mask": "B", "usb": "scripted", **options}
+        self.cancelled = False
+
+    def config(self, **display: Any) -> Config:
+        panel = PanelConfig(size_px=SIZE, refresh_hz=1e6 / ROW_US)
+        return Config(
+            projector=panel,
+            mask=panel,
+            display=DisplayConfig(driver="dlpc900", options=self.options, **display),
+        )
+
+    def make(self, config: Config | None = None) -> Dlpc900Display:
+        context = DriverContext(
+            config or self.config(),
+            self.clock,
+            SharedState(usb_backend=self.usb),
+            cancelled=lambda: self.cancelled,
+        )
+        return Dlpc900Display.create(context)
+
+    def forget(self) -> None:
+        for dmd in self.dmds:
+            dmd.sent.clear()
