@@ -81,7 +81,7 @@ def make_pictures_with_errors(
     the light of the `room`, (N, C), that a dark photo tells.
     """
     averaged, told, coarse = None, NO_SMOOTH_MODELS, None
-    by_codes: dict[str, Floats] = {}
+    by_codes: Mapping[str, Floats] = {}
     if len(list_parts(recipe)) >= FEWEST_PARTS:
         used = _used(recipe, shots)
         averaged = average_shots(used, cells)
@@ -116,6 +116,23 @@ def make_pictures_with_errors(
         bars = add_part_errors(whole, images, cells, single)
     else:
         bars = add_known_errors(recipe, whole)
+    return add_common_errors(record, recipe, shots, scaled, bars, by_codes, learned, cells, borders)
+
+
+def add_common_errors(
+    record: RunRecord,
+    recipe: Recipe,
+    shots: Mapping[str, ExposedShot],
+    scaled: Mapping[str, Picture],
+    bars: Mapping[str, PictureWithErrors],
+    by_codes: Mapping[str, Floats],
+    learned: PilotFindings | None,
+    cells: CellMap,
+    borders: BorderMeasurement | None,
+) -> dict[str, PictureWithErrors]:
+    """Pictures whose code error knows what all parts get wrong alike, as far as it is known, beside
+    what they differ by. Arguments as of `make_pictures_with_errors`; scaled : its photos; bars :
+    its pictures; by_codes : of `estimate_photo_quad_errors`."""
     normalise = record.normalise
     bars = with_beside_light(bars, recipe, shots, scaled, by_codes, learned, cells, normalise)
     bars = _with_direct_light(bars, recipe, shots, scaled, cells, borders, normalise=normalise)
@@ -225,16 +242,18 @@ def add_part_errors(
     parts: Mapping[str, list[Floats]],
     cells: CellMap,
     single: Mapping[str, Floats],
+    over: int | None = None,
 ) -> dict[str, PictureWithErrors]:
     """Pictures whose sigma is the sensor's, with the code error that their parts show.
 
     parts : of `_part_images`. single : what quads err by beside their cell, or half of one, as of
-    `pdcd.pictures.sigma.estimate_photo_quad_errors`, where anything is known of it.
+    `pdcd.pictures.sigma.estimate_photo_quad_errors`, where anything is known of it. over : how many
+    of the parts the pictures are of, None for all.
     """
     found, parted = {}, choose_part_cells(cells)
     for name, picture in pictures.items():
         seen = average_unmixed(picture, parted)
-        code, of_cells = _code_of_parts(seen, parts[name], cells.grid)
+        code, of_cells = _code_of_parts(seen, parts[name], cells.grid, over)
         more = single.get(name)
         both = code if more is None else np.hypot(code, more)
         of_quads = spread_errors(both, picture, seen.image, parted)
@@ -243,16 +262,16 @@ def add_part_errors(
 
 
 def _code_of_parts(
-    seen: Picture, parts: list[Floats], grid: tuple[int, int]
+    seen: Picture, parts: list[Floats], grid: tuple[int, int], over: int | None
 ) -> tuple[Errors, Errors]:
     """Code error of a picture on cells by what its parts show, (rows, cols, C); where these are of
     half cells, that of means over whole ones comes second."""
-    code = measure_error_bars(seen, parts).code
+    code = measure_error_bars(seen, parts, over).code
     if seen.image.shape[0] == grid[0]:
         return code, code
     sigma = np.sqrt(_of_halves(seen.sigma**2) / 4.0)
     whole = Picture(_of_halves(seen.image), sigma)
-    return code, measure_error_bars(whole, [_of_halves(one) for one in parts]).code
+    return code, measure_error_bars(whole, [_of_halves(one) for one in parts], over).code
 
 
 def _of_halves(image: NDArray[np.floating]) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,9 +14,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.bench.placed import place_panels
 from pdcd.bench.stops import Stop, stop_of
 from pdcd.errors import DecodeError
+from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import Patterns, make_empty_patterns
 from pdcd.pictures.bars import make_pictures_with_errors
 from pdcd.pictures.combine import compute_removed_share
@@ -135,6 +137,7 @@ class Darkroom:
         self._dark: dict[str, DarkPhotoLight] = {}
         self._learned: tuple[tuple[int, int, bool], PilotFindings] | None = None
         self._like: tuple[str, int] | None = None
+        self._seen: tuple[object, tuple[BorderMeasurement | None, Floats | None]] | None = None
         self.replan(record)
 
     @property
@@ -169,6 +172,18 @@ class Darkroom:
         """One more shot was taken."""
         self._record = msgspec.structs.replace(self._record, shots=(*self._record.shots, shot))
 
+    def renew(self, shot: ShotRecord, frames: Frames, log: FrameLog) -> None:
+        """A shot was taken once more, and takes the place of the one before, which is forgotten.
+
+        frames, log : as frames.csv would give them back
+        (`pdcd.runs.frame_table.restore_frames`). Raises DecodeError.
+        """
+        shots = {one.name: one for one in self._record.shots} | {shot.name: shot}
+        self._record = msgspec.structs.replace(self._record, shots=tuple(shots.values()))
+        realised = self._realise(shot, frames, log)
+        self._matrices[shot.name] = realised
+        self._exposed[shot.name] = self._develop(shot, self._read(shot), realised)
+
     def learned(self, watch: Watch | None = None) -> PilotFindings | None:
         """What the photos of a pilot tell so far; None for a run without one."""
         how = self._record.how
@@ -182,7 +197,7 @@ class Darkroom:
         return self._learned[1]
 
     def _learn(self, shots: Mapping[str, ExposedShot], dark: DarkPhoto | None) -> PilotFindings:
-        cells, bits = self._cells(), self._bits("pilot")
+        cells, bits = self.cells, self._bits("pilot")
         taken = [shots[name] for name in self._recipe.stack if name in shots]
         seen = unmix_cells(taken, cells)
         off = None if dark is None else unmix_cells([self.ambient(dark)], cells)
@@ -208,7 +223,7 @@ class Darkroom:
         making = _MAKING * sum(shot.refreshes for shot in self._record.shots)
         watch.expect(making)
         shots = self._shots(watch)
-        cells = self._cells()
+        cells = self.cells
         recipe = (narrow_to_shots if partly else select_complete_parts)(self._recipe, shots)
         if not recipe.pictures:
             raise DecodeError(
@@ -219,7 +234,7 @@ class Darkroom:
             # Of an interrupted run the pilot may be incomplete; then there is no coded photo.
             learned = self.learned() if any(photo.paths for photo in recipe.photos) else None
             pictures = make_pictures_with_errors(
-                self._record, recipe, {**shots, **sums}, learned, cells, alive, *self._seen()
+                self._record, recipe, {**shots, **sums}, learned, cells, alive, *self.seen_light()
             )
         view = FieldView.of(self._record, cells)
         return DecodedRun(recipe, shots, pictures, cells, view, sums, self._apart(), self._side)
@@ -230,16 +245,28 @@ class Darkroom:
         recipe = narrow_to_shots(self._recipe, shots)
         return recipe, {**shots, **self._sums(recipe, shots)}
 
+    def renewed(self, name: str) -> ExposedShot:
+        """A shot as it was taken last."""
+        return self._exposed[name]
+
+    @property
+    def cells(self) -> CellMap:
+        """Where the quads lie; known from the first photo on. Raises DecodeError before it."""
+        if self._record.cells is None:
+            raise DecodeError("no photo was taken yet", hint="take at least one shot")
+        cells = self._record.cells
+        return cells if self._side == 1 else cells.binned(self._side)
+
     def means(self, watch: Watch) -> tuple[Recipe, ShotMeans]:
         """The same on cells, as far as the answer is made of them."""
         recipe, shots = self.exposed(watch)
-        return recipe, ShotMeans.of(recipe, shots, self._cells())
+        return recipe, ShotMeans.of(recipe, shots, self.cells)
 
     def dark_means(self, photo: DarkPhoto) -> DarkPhotoLight:
         """What got into a dark photo within a second, on cells."""
         if photo.raw not in self._dark:
             self._dark[photo.raw] = DarkPhotoLight.of(
-                average_shot(self.ambient(photo), self._cells())
+                average_shot(self.ambient(photo), self.cells)
             )
         return self._dark[photo.raw]
 
@@ -249,7 +276,7 @@ class Darkroom:
         from pdcd.pictures.border_light import compute_strip_shares
 
         self._shots(watch)
-        return float(compute_strip_shares(self._strips, self._cells()).max())
+        return float(compute_strip_shares(self._strips, self.cells).max())
 
     def ambient(self, photo: DarkPhoto) -> AmbientLight:
         """What got into a dark photo, over the time for which it shows each of its states."""
@@ -272,14 +299,17 @@ class Darkroom:
         )
         return AmbientLight(to_colours(signal, factors), np.asarray(variance, np.float64))
 
-    def _seen(self) -> tuple[BorderMeasurement | None, NDArray[np.float64] | None]:
+    def seen_light(self) -> tuple[BorderMeasurement | None, Floats | None]:
         """What photos tell of the light along borders, and of the room's, (N, C); None of what was
         not photographed, and of a room that is dark."""
-        photo, borders = self._record.room, None
-        room = None if photo is None else self.dark_means(photo)
-        if self._record.borders is not None:
-            borders = self._seen_borders(self._record.borders)
-        return borders, None if room is None or not room.seen else room.light
+        record = self._record
+        key = record.room, record.borders, record.stops
+        if self._seen is None or self._seen[0] != key:
+            borders = None if record.borders is None else self._seen_borders(record.borders)
+            room = None if record.room is None else self.dark_means(record.room)
+            lit = None if room is None or not room.seen else room.light
+            self._seen = key, (borders, lit)
+        return self._seen[1]
 
     def _seen_borders(self, photo: BorderPhoto) -> BorderMeasurement:
         """The former. Of quads that are saturated there nobody knows it."""
@@ -317,7 +347,7 @@ class Darkroom:
     def _strips(self) -> tuple[BorderStrips, ...]:
         """Where whole cells of both panels do not meet, as finely as the camera sees them."""
         panels = place_panels(self._record.projector, self._record.mask)
-        fine = min(max(1, math.ceil(self._cells().quad_cells ** -0.5 - 1e-6)), _MOST_STRETCHES)
+        fine = min(max(1, math.ceil(self.cells.quad_cells ** -0.5 - 1e-6)), _MOST_STRETCHES)
         return find_strips(panels.projector, panels.mask, self._record.grid, fine)
 
     def _sums_up(self, shots: Mapping[str, RealisedShot]) -> bool:
@@ -328,7 +358,7 @@ class Darkroom:
         """Weighted sums of single photos, as `DecodedRun.sums` has them."""
         if not self._sums_up(shots):
             return {}
-        return sum_stack_shots(recipe, shots, self._stack_bits(), self._cells())
+        return sum_stack_shots(recipe, shots, self._stack_bits(), self.cells)
 
     def _stack_bits(self) -> NDArray[np.bool_]:
         return self._bits("pilot" if self._record.how.pilot else "photos")
@@ -358,28 +388,31 @@ class Darkroom:
 
     def _matrix(self, shot: ShotRecord, alive: _Alive) -> RealisedMatrix:
         if shot.name not in self._matrices:
-            record, projector = self._record, self._record.projector
-            if record.room is not None:  # it has the light of the projector's black
-                projector = msgspec.structs.replace(projector, contrast=None)
             pair = self._pair(self._planned[shot.name])
-            frames, log = self._table.of(shot, pair, grid=record.grid)
+            frames, log = self._table.of(shot, pair, grid=self._record.grid)
             alive()
-            chunks = compute_bench_factors(
-                frames,
-                log,
-                projector,
-                record.mask,
-                open_ns=shot.open_ns,
-                close_ns=shot.close_ns,
-                fine=True,
-            )
-            realised = collect_factors(_watched(chunks, alive))
-            if (shot.level or 1.0) != 1.0:
-                realised = divide_factors(realised, (shot.level or 1.0))
-            self._matrices[shot.name] = RealisedMatrix(
-                realised, shot.missed if shot.level is None else 0
-            )
+            self._matrices[shot.name] = self._realise(shot, frames, log, alive)
         return self._matrices[shot.name]
+
+    def _realise(
+        self, shot: ShotRecord, frames: Frames, log: FrameLog, alive: _Alive = lambda: None
+    ) -> RealisedMatrix:
+        record, projector = self._record, self._record.projector
+        if record.room is not None:  # it has the light of the projector's black
+            projector = msgspec.structs.replace(projector, contrast=None)
+        chunks = compute_bench_factors(
+            frames,
+            log,
+            projector,
+            record.mask,
+            open_ns=shot.open_ns,
+            close_ns=shot.close_ns,
+            fine=True,
+        )
+        realised = collect_factors(_watched(chunks, alive))
+        if (shot.level or 1.0) != 1.0:
+            realised = divide_factors(realised, (shot.level or 1.0))
+        return RealisedMatrix(realised, shot.missed if shot.level is None else 0)
 
     def _shots(self, watch: Watch) -> dict[str, ExposedShot]:
         unread = [shot for shot in self._record.shots if shot.name not in self._exposed]
@@ -390,7 +423,8 @@ class Darkroom:
             try:
                 for shot, file in zip(unread, files, strict=True):
                     with watch.piece(_reading(shot)) as alive:
-                        self._exposed[shot.name] = self._develop(shot, file, alive)
+                        shown = self._matrix(shot, alive)
+                        self._exposed[shot.name] = self._develop(shot, file.result(), shown)
             finally:
                 pool.shutdown(cancel_futures=True)
         return dict(self._exposed)
@@ -403,10 +437,9 @@ class Darkroom:
             saturation_dn=self._record.profile.saturation_dn(shot.iso),
         )
 
-    def _develop(self, shot: ShotRecord, file: Future[RawFrame], alive: _Alive) -> ExposedShot:
+    def _develop(self, shot: ShotRecord, raw: RawFrame, shown: RealisedMatrix) -> ExposedShot:
         """A shot out of its RAW file, and what the panels did in it."""
-        profile, shown = self._record.profile, self._matrix(shot, alive)
-        raw = file.result()
+        profile = self._record.profile
         self._check(shot, raw)
         raw = raw if self._side == 1 else raw.binned(self._side)
         exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
@@ -424,13 +457,6 @@ class Darkroom:
         self._like = self._like or (raw.model, raw.flip)
         colours = len(self._record.responsivity_e)
         refuse_unlike(shot.raw, raw, cells.frame, colours, self._like)
-
-    def _cells(self) -> CellMap:
-        """Where the quads lie; known from the first photo on."""
-        if self._record.cells is None:
-            raise DecodeError("no photo was taken yet", hint="take at least one shot")
-        cells = self._record.cells
-        return cells if self._side == 1 else cells.binned(self._side)
 
 
 def _reading(shot: ShotRecord) -> float:

@@ -11,6 +11,7 @@ projector's differ from where the camera is believed to look is how far that is 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -350,10 +351,19 @@ def find_quads_beside_mask(record: RunRecord, cells: CellMap) -> Bools | None:
     Callers: error bars, which know nothing there, and the verdict. cells : the map of the frame.
     """
     look = record.panels
-    if look is None or look.mask is None or look.camera is None or not look.upright:
+    if look is None:
         return None
-    mask = place_panels(record.projector, record.mask).mask.map
-    size_px = record.projector.field_size_px
+    return _find_beside(look, record.projector, record.mask, cells)
+
+
+@lru_cache(maxsize=1)  # of a stream all pictures ask the same
+def _find_beside(
+    look: PanelLook, projector: PanelConfig, masking: PanelConfig, cells: CellMap
+) -> Bools | None:
+    if look.mask is None or look.camera is None or not look.upright:
+        return None
+    mask = place_panels(projector, masking).mask.map
+    size_px = projector.field_size_px
     drawn = make_affine_map(look.mask).inverse().after(make_affine_map(look.camera))
     to_drawn = np.eye(3)
     to_drawn[:2, :2], to_drawn[:2, 2] = drawn.linear, drawn.shift
@@ -361,7 +371,9 @@ def find_quads_beside_mask(record: RunRecord, cells: CellMap) -> Bools | None:
     seen = cells.filled.then(np.linalg.inv(scale) @ to_drawn @ scale)
     edge_px = max(_EDGE_QUADS * quad_px(cells.filled, size_px), _EDGE_PX)
     beside = ~find_pixels_on(seen, mask, -edge_px / quad_px(mask, size_px))
-    return np.asarray(beside & cells.known)
+    found: Bools = beside & cells.known
+    found.flags.writeable = False
+    return found
 
 
 def make_affine_map(six: Six) -> AffineMap:

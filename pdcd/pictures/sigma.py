@@ -44,8 +44,13 @@ _LEAST_BESIDE = 0.15
 cells has none but that."""
 
 
-def measure_error_bars(picture: Picture, parts: Sequence[Floats]) -> PictureWithErrors:
+def measure_error_bars(
+    picture: Picture, parts: Sequence[Floats], over: int | None = None
+) -> PictureWithErrors:
     """A picture with the code error that the spread of its parts, (h, w, C) each, shows.
+
+    over : how many of them it is the mean of, where these are not all: one of a set whose others
+    tell what it errs by.
 
     The mean of B independent parts has 1/B of their variance. B is small, so that the variance of
     one pixel is itself uncertain; `_moderated` steadies it by its neighbours. What is left of the
@@ -58,7 +63,7 @@ def measure_error_bars(picture: Picture, parts: Sequence[Floats]) -> PictureWith
 
     A pixel saturated in any part keeps its infinite sigma.
     """
-    variance = np.var(np.stack(parts), axis=0, ddof=1) / len(parts)
+    variance = np.var(np.stack(parts), axis=0, ddof=1) / (over or len(parts))
     noise = np.where(np.isfinite(picture.sigma), picture.sigma, 0.0) ** 2
     code = np.empty_like(variance)
     for channel in range(variance.shape[-1]):
@@ -138,14 +143,22 @@ def estimate_photo_quad_errors(
 
     photos : scaled ones. Nothing is told where each cell has a quad of its own.
     """
-    parted = choose_part_cells(cells)
-    found: dict[str, Floats] = {}
+    parted, count = choose_part_cells(cells), len(list_parts(recipe))
     used = [shots[name] for name in {name for photo in recipe.photos for _, name in photo.shots}]
-    picked = sample_quads(used, parted)
-    if parted is not cells and picked.share_told() < _MOST_TOLD:  # blur mixes halves everywhere
-        picked = sample_quads(used, cells)
-    if not picked.share_told():
+    picked = sample_part_quads(used, cells)
+    if picked is None:
         return {}
+    return {
+        name: to_quad_errors(share / count, average_picture(photos[name], parted).image)
+        for name, share in estimate_photo_quad_shares(recipe, shots, picked).items()
+    }
+
+
+def estimate_photo_quad_shares(
+    recipe: Recipe, shots: Mapping[str, ExposedShot], picked: QuadSample
+) -> dict[str, Floats]:
+    """The same of one part, as squares over those of its light (`estimate_quad_shares`)."""
+    found: dict[str, Floats] = {}
     numbers = list_parts(recipe)
     for photo in recipe.photos:
         light, noise = [], []
@@ -156,9 +169,17 @@ def estimate_photo_quad_errors(
                 light.append(sum_weighted((sign, picked.take(one.light_at)) for sign, one in taken))
                 noise.append(sum_weighted((1.0, picked.take(one.variance_at)) for _, one in taken))
         if light:
-            images = average_picture(photos[photo.name], parted).image
-            found[photo.name] = estimate_quad_errors(light, noise, picked, images)
+            found[photo.name] = estimate_quad_shares(light, noise, picked)
     return found
+
+
+def sample_part_quads(used: Sequence[ExposedShot], cells: CellMap) -> QuadSample | None:
+    """The quads by which `estimate_photo_quad_errors` goes; None where each cell has one."""
+    parted = choose_part_cells(cells)
+    picked = sample_quads(used, parted)
+    if parted is not cells and picked.share_told() < _MOST_TOLD:  # blur mixes halves everywhere
+        picked = sample_quads(used, cells)
+    return picked if picked.share_told() else None
 
 
 def estimate_quad_errors(
@@ -171,6 +192,23 @@ def estimate_quad_errors(
     images : (rows, cols, C), the photo on the cells of these or halves, in the unit of the answer.
     Where no quad was picked it errs as elsewhere.
     """
+    share = estimate_quad_shares(light, noise, picked)
+    return to_quad_errors(share / len(light), images)
+
+
+def to_quad_errors(share: Floats, images: Floats) -> Floats:
+    """Errors of `estimate_quad_errors`, (rows, cols, C), by what their squares are over the light's
+    (`estimate_quad_shares`), over the number of parts that the photo is of."""
+    pieces = images.shape[0] // share.shape[0]
+    share = share.repeat(pieces, 0).repeat(pieces, 1)
+    return np.asarray(np.sqrt(share) * np.abs(images))
+
+
+def estimate_quad_shares(
+    light: Sequence[Floats], noise: Sequence[Floats], picked: QuadSample
+) -> Floats:
+    """Square of what single quads of one part err by codes beside their cell, over that of its
+    light, (rows, cols, C); light, noise : as of `estimate_quad_errors`."""
     count, mean = len(light), np.mean(light, axis=0)
     number = np.maximum(picked.sums(np.ones((picked.cell.size, 1))), 1.0)
     level = picked.sums(mean) / number
@@ -188,11 +226,9 @@ def estimate_quad_errors(
     # Means over squares leave rounding where no quad was picked.
     told = all_light > _ROUNDED * all_light.mean(axis=0)
     all_square = picked.sums(square, _NEIGHBOURS_PX)
-    over = np.broadcast_to(all_square.sum(axis=0) / all_light.sum(axis=0), told.shape).copy()
-    np.divide(all_square, all_light, out=over, where=told)
-    pieces = images.shape[0] // picked.grid[0]
-    over = np.maximum(over, 0.0).reshape(*picked.grid, -1).repeat(pieces, 0).repeat(pieces, 1)
-    return np.asarray(np.sqrt(over / count) * np.abs(images))
+    share = np.broadcast_to(all_square.sum(axis=0) / all_light.sum(axis=0), told.shape).copy()
+    np.divide(all_square, all_light, out=share, where=told)
+    return np.maximum(share, 0.0).reshape(*picked.grid, -1)
 
 
 def compute_neighbour_weight(weights: CellWeights, grid: tuple[int, int]) -> float:

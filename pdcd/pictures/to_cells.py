@@ -125,6 +125,18 @@ def average_unmixed(picture: Picture, cells: CellMap) -> Picture:
     return Picture(coarse.image, np.where(np.isfinite(coarse.sigma), error, coarse.sigma))
 
 
+def average_part(picture: Picture, cells: CellMap) -> Floats:
+    """Means of a picture over cells told apart as `average_shots` does, (rows, cols, C); 0 where
+    no quad sees one."""
+    known = _known(picture, cells)
+    image, sure = _means(picture.image, known, cells)
+    parting = _part_neighbours(cells, known)
+    if parting is not None:
+        image[sure] = parting.mean(picture.image)[sure]
+    image[~cells.seen()] = 0.0
+    return image.reshape(*cells.grid, -1)
+
+
 def _means(
     image: NDArray[np.floating], known: Bools | None, cells: CellMap
 ) -> tuple[Floats, Bools]:

@@ -6,6 +6,7 @@ import csv
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -181,6 +182,15 @@ class FrameTable:
             for line in lines:
                 self._rows.setdefault(line[place], []).append(line)
             self._read_bytes = file.tell()
+
+
+def restore_frames(frames: Frames, log: FrameLog) -> tuple[Frames, FrameLog]:
+    """What `FrameTable.of` would give back of them, for whoever decodes a shot without a table:
+    times of rows are those of the log, in whole nanoseconds."""
+    dark_s = None if log.dark_s is None else np.rint(1e9 * log.dark_s) / 1e9
+    return replace(frames, dark_s=None, delay_s=None), replace(
+        log, dark_s=dark_s, delay_s=None, mask_delay=0
+    )
 
 
 def _frames(

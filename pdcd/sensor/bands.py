@@ -19,6 +19,8 @@ OfRows = Callable[[slice], NDArray[Any]]
 
 BAND_ROWS = 64
 """Rows of a band."""
+_ALONE_ROWS = 512
+"""Rows of a frame up to which threads cost more than a second core saves."""
 THREADS = 2
 """NumPy, SciPy and OpenCV leave the interpreter to others while they compute."""
 
@@ -37,7 +39,7 @@ def run_in_channels(image: NDArray[Any], work: Callable[[int], None]) -> None:
 
 def _each(pieces: Iterable[_Piece], work: Callable[[_Piece], None], rows: int) -> None:
     """Call `work` with every piece of a frame of so many rows, on two cores where it is large."""
-    if rows <= THREADS * BAND_ROWS:
+    if rows <= _ALONE_ROWS:
         for piece in pieces:
             work(piece)
         return
