@@ -41,6 +41,7 @@ from pdcd.protocol.events import Emit, Event
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
+from pdcd.protocol.stream import StreamRequest
 from pdcd.protocol.views import LiveFrame, OwnerView, PreviewView, RigView
 from pdcd.recipes.arrays import NO_ARRAYS, Given
 from pdcd.runs.folder import RunFolder
@@ -49,6 +50,8 @@ from pdcd.sensor.profile import load_profile
 from pdcd.virtual.scene.build import CARD
 
 if TYPE_CHECKING:
+    from pdcd.capture.shots import TakenShot
+    from pdcd.capture.stream import StreamListener
     from pdcd.capture.worker.spawned import SpawnedWorker
     from pdcd.child import Child
     from pdcd.virtual.optics.bench import OpticalBench
@@ -301,6 +304,34 @@ class Engine:
             cancelled=cancelled,
             ended=ended,
         )
+
+    def stream(
+        self,
+        request: StreamRequest,
+        given: Given = NO_ARRAYS,
+        *,
+        job: str,
+        owner: OwnerView | None = None,
+        emit: Emit = _unheard,
+        listener: StreamListener,
+    ) -> CaptureResult:
+        """Take photo after photo by one plan, and tell of each picture, until the listener ends it
+        or its time is over; never raises for what goes wrong, and leaves the rig as `capture` does.
+
+        `emit` is told of its first set of photos, and of runs that are made of it.
+        """
+        from pdcd.capture.streaming import StreamBench, run_stream  # no capture waits for it
+
+        def make_run(
+            order: EngineJob, folder: RunFolder, shown: dict[str, TakenShot] | None = None
+        ) -> CaptureRun:
+            notes = (*filter(None, [self._note]), *self._rig.display_warnings)
+            return CaptureRun(
+                self._config, self._rig, self._profile, self._worker, folder, order, notes, shown
+            )
+
+        bench = StreamBench(self._config, self._rig, self._worker, make_run, self.describe)
+        return run_stream(bench, request, given, job, owner, emit, listener)
 
     def capture(
         self,

@@ -123,6 +123,8 @@ class Rig:
         self.deaf_since_s: float | None = None
         """Since when, on the clock that does not step, devices are being made safe; for any
         thread."""
+        self._left: tuple[Frames | None, int | None] = None, None
+        """What the last exposure left: frames that are loaded, and since when panels are black."""
         self.look_at_finder: Callable[[], object] = lambda: None
         """Raises DeviceLost while the camera hangs in a live view that was left behind."""
 
@@ -335,8 +337,11 @@ class Rig:
         cancelled: Callable[[], bool],
         moving: ShutterTiming | None = None,
         hold: bool = False,
+        again: bool = False,
     ) -> RigExposure:
         """Take one exposure of the frames and fetch its RAW file; `hold` keeps samples in memory.
+        `again` goes by what the exposure before left, if nothing else was done with the rig since:
+        panels that are black need not settle again, nor frames that are loaded be loaded.
 
         The shutter opens and closes on panels that have settled to black, so its lag and jitter do
         not matter, nor what the panels showed before. When the display gives up (SyncError), the
@@ -348,11 +353,16 @@ class Rig:
         """
         settle_ns = round(self.config.rig.settle_s * 1e9)
         settings = self._timed(settings, frames, moving)
-        self.display.load(frames)
-        self.display.black()
-        black_ns = self.clock.now_ns()
+        loaded, black_ns = self._left if again else (None, None)
+        self._left = None, None
+        if loaded is not frames:
+            self.display.load(frames)
+        if black_ns is None:
+            self.display.black()
+            black_ns = self.clock.now_ns()
+        begun_ns = self.clock.now_ns()
         self.readout.arm(settings)
-        self._arming_ns = self.clock.now_ns() - black_ns
+        self._arming_ns = self.clock.now_ns() - begun_ns
         notify(ShotArmed(shot=name, frames=len(frames)))
         tell_exposure_time(self.shutter, settings)
         self._context.patience.sleep_until_ns(black_ns + settle_ns)
@@ -382,6 +392,7 @@ class Rig:
         shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
         raw, held = self._fetched(folder, name, hold)
+        self._left = frames, int(log.end_ns.max())
         return RigExposure(open_ns, close_ns, log, raw, settings, held)
 
     def _timed(
@@ -435,10 +446,14 @@ class Rig:
         """The photos from here on are those of one job."""
         self._photos = set()
 
+    def forget_photo(self, sha256: str) -> None:
+        """Nothing is made of that photo any more."""
+        self._photos.discard(sha256)
+
     def recheck_photos(self) -> None:
         """See that the photos since `begin_photos` still are what they were fetched as, where their
         files lie in others' hands. Raises ExposureError, DeviceLost."""
-        photos, self._photos = self._photos, set()
+        photos = set(self._photos)
         if isinstance(self.readout, RecheckingReadout):
             self.readout.recheck(photos)
 

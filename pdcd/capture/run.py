@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Mapping
 
 import msgspec
 
@@ -21,7 +22,7 @@ from pdcd.capture.job import (
     summarise_run,
 )
 from pdcd.capture.rig import Rig
-from pdcd.capture.shots import ShotTaker
+from pdcd.capture.shots import ShotTaker, TakenShot
 from pdcd.capture.worker.answers import (
     AdoptedPlan,
     ConvergenceNote,
@@ -35,7 +36,6 @@ from pdcd.errors import DeviceLost, NoSpaceError, PdcdError
 from pdcd.planning.defaults import is_search_needed
 from pdcd.planning.schedule_fit import is_lag_needed
 from pdcd.protocol import events
-from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import RigView
 from pdcd.runs.folder import RunFolder
@@ -64,8 +64,9 @@ class CaptureRun:
         folder: RunFolder,
         job: EngineJob,
         notes: tuple[str, ...] = (),
+        shown: dict[str, TakenShot] | None = None,
     ) -> None:
-        """notes : what else the user is to know of the bench."""
+        """notes : what else the user is to know of the bench. shown : gets all shots by name."""
         if rig.camera_info is None:
             raise DeviceLost("the rig is not open", device="camera", hint="start the engine first")
         self._config, self._rig, self._profile = config, rig, profile
@@ -80,7 +81,7 @@ class CaptureRun:
         self._journal = Journal(job, folder, rig.clock, [], self._ledger)
         self._check = FrameCheck(config, self._camera, self._journal)
         keep = job.request.keep_raw or config.camera.keep
-        self._taker = ShotTaker(config, rig, worker, self._journal, self._check, keep, held)
+        self._taker = ShotTaker(config, rig, worker, self._journal, self._check, keep, held, shown=shown)
 
     @property
     def warnings(self) -> list[str]:
@@ -92,8 +93,24 @@ class CaptureRun:
 
         `rig` describes the bench for the manifest.
         """
-        started, begun_s = format_utc_now(), time.perf_counter()
-        job, folder = self._job, self._folder
+        begun_s = time.perf_counter()
+        begun = self.take_photos(rig)
+        try:
+            return self._finish(begun, begun_s)
+        except NoSpaceError as err:
+            if self._taker.held:  # photos that were in memory are gone
+                raise
+            raise NoSpaceError(
+                err.message,
+                device=err.device,
+                hint="all RAW files are safe: free some space and run pdcd decode --partial "
+                f"{self._folder.where}",
+            ) from err
+
+    def take_photos(self, rig: RigView) -> RunStart:
+        """The first half of `execute`, which is all that a stream needs to begin: plan, and expose
+        all shots."""
+        started, job, folder = format_utc_now(), self._job, self._folder
         planned = self._plan()
         iso = min(self._camera.isos) if planned.iso is None else planned.iso
         doubtful = tuple(find_calibration_doubts(self._config, self._rig, iso))
@@ -113,21 +130,42 @@ class CaptureRun:
         if self._rig.mixed is not None:
             self._journal.warn(self._rig.mixed)
         self._take_all()
-        try:
-            return self._finish(begun, (self._adopted or adopted).summary, begun_s)
-        except NoSpaceError as err:
-            if self._taker.held:  # photos that were in memory are gone
-                raise
-            raise NoSpaceError(
-                err.message,
-                device=err.device,
-                hint="all RAW files are safe: free some space and run pdcd decode --partial "
-                f"{folder.where}",
-            ) from err
+        return begun
 
-    def _finish(self, begun: RunStart, plan: PlanSummary, begun_s: float) -> CaptureResult:
-        """Decode what was taken, and archive. plan : as it came to be. begun_s : when it began."""
+    def record(
+        self, first: CaptureRun, taken: Mapping[str, TakenShot], rig: RigView
+    ) -> CaptureResult:
+        """Make a run of the newest photos of a stream that began with the photos of `first`; the
+        worker has them. taken : what the rig knows of them, by SHA-256. Raises PdcdError."""
+        started, begun_s = format_utc_now(), time.perf_counter()
         job, folder = self._job, self._folder
+        folder.create(min_free_bytes=self._config.limits.min_free_bytes)
+        self._journal.notify(events.JobStarted(job=job.name, goal=job.request.goal))
+        adopted, kept = self._worker.do(job.watch(), Worker.keep, folder.path)
+        begun = make_run_start(
+            job, adopted.summary, config=self._config, mock=self._rig.mock, rig=rig,
+            started_utc=started,
+        )  # fmt: skip
+        self._ledger.begin(begun)
+        self._adopt(adopted)
+        for text in first.warnings:
+            self._journal.warn(text)
+        for meter in first._meter:
+            self._meter.append(meter)
+            self._ledger.meter(meter)
+        for record in kept:
+            shot = taken[record.sha256]
+            folder.write_frames(record.name, shot.frames, shot.log)
+            self._ledger.take(record)
+            self._taken.append(record.name)
+        return self._finish(begun, begun_s)
+
+    def _finish(self, begun: RunStart, begun_s: float) -> CaptureResult:
+        """Decode what was taken, and archive. begun_s : when it began."""
+        job, folder = self._job, self._folder
+        if self._adopted is None:
+            raise PdcdError("the run has no plan")
+        plan = self._adopted.summary
         self._journal.notify(events.DecodingStarted(shots=len(self._taken)))
         developed = self._worker.do(job.watch(), Worker.develop, report=job.report)
         for text in list_run_warnings(developed, self._config, self._profile, mock=begun.mock):

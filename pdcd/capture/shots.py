@@ -3,6 +3,7 @@ disagree."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
@@ -26,6 +27,15 @@ from pdcd.runs.record import FileRecord, ShotRecord
 from pdcd.words import KeepRawName
 
 
+@dataclass(frozen=True, eq=False)
+class TakenShot:
+    """A shot as it was taken last: what is remembered of it, and its rows of frames.csv."""
+
+    record: ShotRecord
+    frames: Frames
+    log: FrameLog
+
+
 @dataclass
 class ShotTaker:
     """Takes the photos of one job, one after the other, into its run folder."""
@@ -40,6 +50,8 @@ class ShotTaker:
     """Photos in memory, by the path that their files would have below the run folder."""
     last: dict[str, bytes | None] = field(default_factory=dict)
     """RAW files of the last shot, and what is in those that are in memory alone."""
+    shown: dict[str, TakenShot] | None = None
+    """Gets all shots by name, for whoever has no other use for their logs than that."""
 
     def take(self, wanted: PhotoOrder) -> PhotoOutcome:
         """Take a photo that is wanted. One that the run can do without is `SpoiltPhoto` where it
@@ -71,51 +83,20 @@ class ShotTaker:
         folder, log = self.journal.folder, done.log
         folder.write_frames(wanted.name, wanted.frames, log)
         self._warn(wanted.name, log, level, harm)
-        record = ShotRecord(
-            name=wanted.name,
-            window=wanted.window,
-            raw=self._file(done.raw),
-            sha256=done.raw.sha256,
-            size_bytes=done.raw.size_bytes,
-            iso=wanted.settings.iso,
-            f_number=wanted.f_number,
-            open_ns=done.open_ns,
-            close_ns=done.close_ns,
-            end_ns=(int(log.end_ns[0]), int(log.end_ns[1])),
-            refreshes=len(log),
-            missed=int(log.missed.sum()),
-            source=log.source,
-            verified=log.verified,
-            planned_s=self._planned_s(wanted, done),
-            level=level,
+        first, *others = make_shot_records(
+            wanted, done, level, self._planned_s(wanted, done), self._file
         )
         planes = [done.raw] if done.raw.second is None else [done.raw, done.raw.second]
         self.last = {self._file(plane): done.held.get(plane.path.name) for plane in planes}
-        self.journal.ledger.take(record)
-        others = [self._beside(name, frames, record, done) for name, frames in wanted.beside]
-        return (record, *others)
-
-    def _beside(
-        self, name: str, frames: Frames, first: ShotRecord, done: RigExposure
-    ) -> ShotRecord:
-        """The shot of an exposure's second bucket. Raises ExposureError where there is none."""
-        plane = done.raw.second
-        if plane is None:
-            raise ExposureError(
-                "the camera gave one plane of an exposure",
-                device="camera",
-                hint="set camera.buckets to 1, or use a driver of a sensor that has two",
-            )
-        self.journal.folder.write_frames(name, frames, done.log)
-        record = msgspec.structs.replace(
-            first,
-            name=name,
-            raw=self._file(plane),
-            sha256=plane.sha256,
-            size_bytes=plane.size_bytes,
-        )
-        self.journal.ledger.take(record)
-        return record
+        self.journal.ledger.take(first)
+        for record, (name, frames) in zip(others, wanted.beside, strict=True):
+            folder.write_frames(name, frames, log)
+            self.journal.ledger.take(record)
+        if self.shown is not None:
+            frames = {wanted.name: wanted.frames, **dict(wanted.beside)}
+            records = (first, *others)
+            self.shown |= {one.name: TakenShot(one, frames[one.name], log) for one in records}
+        return (first, *others)
 
     def _warn(self, name: str, log: FrameLog, level: float | None, harm: str) -> None:
         lost = int(log.missed.sum())
@@ -149,7 +130,7 @@ class ShotTaker:
                 cause, spoilt = err.message, spoilt + 1
                 name = self._set_aside(shot, number)
             else:
-                level, harm = self._level(wanted.frames, done.log)
+                level, harm = measure_code_level(wanted.frames, done.log, self.config.row_hz)
                 sound = level == 1.0 if wanted.even else level is not None
                 if sound or rig.on_miss == "flag":
                     if not doubt or doubted:
@@ -169,17 +150,6 @@ class ShotTaker:
             device="display",
             hint="see frames.csv; rig.on_miss = 'flag' keeps such shots and reports the error",
         )
-
-    def _level(self, frames: Frames, log: FrameLog) -> tuple[float | None, str]:
-        """Times that every code was shown over what was planned, None where that differs; and the
-        same in words."""
-        try:
-            weights = count_lit_weights(frames, log, self.config.row_hz)
-        except SyncError as err:
-            return None, err.message
-        shares = weights.realised / weights.planned if weights.planned.size else np.ones(1)
-        words = f"codes were lit {shares.min():.3g} to {shares.max():.3g} times as long as planned"
-        return weights.level or None, words
 
     def _tested(self, wanted: PhotoOrder) -> RigExposure:
         """Take a test exposure or a dark photo, again where the display gave up or the photo was
@@ -248,3 +218,62 @@ class ShotTaker:
     def _file(self, raw: RawFile) -> str:
         """Path of a RAW file in the run folder."""
         return str(raw.path.relative_to(self.journal.folder.path))
+
+
+def make_shot_records(
+    wanted: PhotoOrder,
+    done: RigExposure,
+    level: float | None,
+    planned_s: float,
+    file: Callable[[RawFile], str],
+) -> tuple[ShotRecord, ...]:
+    """What a run remembers of an exposure: its shot, and those of its other buckets. file : path of
+    a RAW file in the run folder. Raises ExposureError where there is no second bucket."""
+    log = done.log
+    first = ShotRecord(
+        name=wanted.name,
+        window=wanted.window,
+        raw=file(done.raw),
+        sha256=done.raw.sha256,
+        size_bytes=done.raw.size_bytes,
+        iso=wanted.settings.iso,
+        f_number=wanted.f_number,
+        open_ns=done.open_ns,
+        close_ns=done.close_ns,
+        end_ns=(int(log.end_ns[0]), int(log.end_ns[1])),
+        refreshes=len(log),
+        missed=int(log.missed.sum()),
+        source=log.source,
+        verified=log.verified,
+        planned_s=planned_s,
+        level=level,
+    )
+    plane = done.raw.second
+    if wanted.beside and plane is None:
+        raise ExposureError(
+            "the camera gave one plane of an exposure",
+            device="camera",
+            hint="set camera.buckets to 1, or use a driver of a sensor that has two",
+        )
+    others = [
+        msgspec.structs.replace(
+            first, name=name, raw=file(plane), sha256=plane.sha256, size_bytes=plane.size_bytes
+        )
+        for name, _ in wanted.beside
+        if plane is not None
+    ]
+    return (first, *others)
+
+
+def measure_code_level(
+    frames: Frames, log: FrameLog, row_hz: float
+) -> tuple[float | None, str]:
+    """Times that every code was shown over what was planned, None where that differs; and the
+    same in words."""
+    try:
+        weights = count_lit_weights(frames, log, row_hz)
+    except SyncError as err:
+        return None, err.message
+    shares = weights.realised / weights.planned if weights.planned.size else np.ones(1)
+    words = f"codes were lit {shares.min():.3g} to {shares.max():.3g} times as long as planned"
+    return weights.level or None, words

@@ -178,11 +178,11 @@ class Darkroom:
         frames, log : as frames.csv would give them back
         (`pdcd.runs.frame_table.restore_frames`). Raises DecodeError.
         """
+        raw, realised = self._read(shot), self._realise(shot, frames, log)
+        exposed = self._develop(shot, raw, realised)
         shots = {one.name: one for one in self._record.shots} | {shot.name: shot}
         self._record = msgspec.structs.replace(self._record, shots=tuple(shots.values()))
-        realised = self._realise(shot, frames, log)
-        self._matrices[shot.name] = realised
-        self._exposed[shot.name] = self._develop(shot, self._read(shot), realised)
+        self._matrices[shot.name], self._exposed[shot.name] = realised, exposed
 
     def learned(self, watch: Watch | None = None) -> PilotFindings | None:
         """What the photos of a pilot tell so far; None for a run without one."""

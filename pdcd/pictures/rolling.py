@@ -70,6 +70,11 @@ class RollingPictures:
         self._lost: Bools | None = None
         self._picked: QuadSample | None = None
 
+    @property
+    def over(self) -> int:
+        """Parts that the last picture is made of."""
+        return min(self._over, len(self._newest))
+
     def renew(self, shot: ShotRecord, frames: Frames, log: FrameLog) -> None:
         """A shot was taken again; arguments as of `Darkroom.renew`. Raises DecodeError."""
         self._darkroom.renew(shot, frames, log)

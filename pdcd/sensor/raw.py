@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -265,6 +266,18 @@ class PhotoShelf:
             self._held.pop(raw, None)
         else:
             self._held[raw] = data
+
+    def held(self, raw: str) -> bytes | None:
+        """What that photo is read from; None for its file."""
+        return self._held.get(raw)
+
+    def list_all(self) -> Iterator[tuple[str, bytes]]:
+        """Every photo that is there, held or in the folder, by its path. Raises DecodeError."""
+        yield from self._held.items()
+        for path in sorted((self._folder / "raw").glob("*")):
+            name = f"raw/{path.name}"
+            if name not in self._held:
+                yield name, _read_checked(path, None, None, None)
 
     def read(
         self,

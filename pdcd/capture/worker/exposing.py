@@ -177,6 +177,11 @@ class Exposer:
             self.apertures[shot.kind] = found
         return self.apertures[shot.kind]
 
+    def find_aperture(self, shot: Shot) -> float:
+        """The f-number of a shot that was taken."""
+        asked = self.facts.config.camera.f_number
+        return self.apertures[shot.kind] if asked == "auto" else asked
+
     def _begin(self, f_number: float) -> None:
         """The run has this stop for its own."""
         known = stop_of(f_number, self.facts.config.camera.stops)

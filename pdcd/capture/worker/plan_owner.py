@@ -103,7 +103,7 @@ class Course:
         self._exposer = Exposer(facts, job.camera, job.plan.iso, self.shelf, self._orders)
         self._watch = Watch()
         self._steps: _Steps = self._run()
-        self._write_patterns()
+        self.write_patterns(self.folder)
         self.darkroom = Darkroom(folder, self._record(()), self.shelf)
 
     @property
@@ -156,9 +156,18 @@ class Course:
     def _take(self, shot: Shot) -> _Steps:
         """Meter if need be, and expose. With two buckets the shot of the second comes with it."""
         f_number = yield from self._aperture(shot)
+        taken = yield from self._orders.expose(self._ordered(shot, f_number))
+        for record in cast(tuple[ShotRecord, ...], taken):
+            self.darkroom.add(record)
+
+    def order(self, shot: Shot) -> PhotoOrder:
+        """How a shot of the plan that was taken is taken again."""
+        return self._ordered(shot, self._exposer.find_aperture(shot))
+
+    def _ordered(self, shot: Shot, f_number: float) -> PhotoOrder:
         plan, shots = self.plan, self.plan.recipe.shots
         sequence = plan.sequence(shot)
-        wanted = PhotoOrder(
+        return PhotoOrder(
             kind="shot",
             name=shot.name,
             frames=sequence.frames(),
@@ -170,9 +179,6 @@ class Course:
             even=any(s.of_leaks for s in shots),
             beside=tuple((s.name, plan.frames(s)) for s in shots if s.beside == shot.name),
         )
-        taken = yield from self._orders.expose(wanted)
-        for record in cast(tuple[ShotRecord, ...], taken):
-            self.darkroom.add(record)
 
     def _aperture(self, shot: Shot) -> Generator[Order, PhotoOutcome, float]:
         """The f-number of a shot; test exposures may change how long white is shown, and show how
@@ -383,7 +389,7 @@ class Course:
         other = plan.patterns is not self.plan.patterns
         self.plan = plan
         if other:
-            self._write_patterns()
+            self.write_patterns(self.folder)
         record, planned = self.darkroom.record, {shot.name for shot in plan.recipe.shots}
         kept = tuple(shot for shot in record.shots if shot.name in planned)
         self.darkroom.replan(self._record(kept, record.cells))
@@ -409,11 +415,12 @@ class Course:
             room=self._taken_off,
         )  # fmt: skip
 
-    def _write_patterns(self) -> None:
+    def write_patterns(self, folder: Path) -> None:
+        """Store the codes of the plan in a run folder. Raises NoSpaceError and DiskError."""
         target = self.plan.recipe.target
         given: Mapping[str, NDArray[np.float64]] = {**target.planes, **target.matrices}
         write_patterns(
-            self.folder,
+            folder,
             self.plan.patterns,
             given,
             family=self.plan.how.family or "none",

@@ -30,7 +30,7 @@ from pdcd.errors import PdcdError
 from pdcd.pages.render import load_template
 from pdcd.pages.report.material import gather_material, is_cheap
 from pdcd.pages.report.write import TEMPLATE, write_gathered_report
-from pdcd.pictures.darkroom import DecodedRun
+from pdcd.pictures.darkroom import Darkroom, DecodedRun
 from pdcd.pictures.decode import write_pictures
 from pdcd.pictures.truth import KnownAnswer, find_known_answer, write_known_answer
 from pdcd.planning.defaults import is_search_needed
@@ -39,12 +39,18 @@ from pdcd.planning.make import plan_request
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import read_manifest
-from pdcd.runs.record import RunRecord
+from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.sensor.raw import RawHead, read_raw_head
 from pdcd.watch import Watch
 
 if TYPE_CHECKING:
     from pdcd.capture.worker.calibrating import CalibrationStart, CalibrationStudy, Next
+    from pdcd.capture.worker.rolling import (
+        RollingPicture,
+        StreamCourse,
+        StreamPhoto,
+        StreamPlan,
+    )
 
 
 class Worker:
@@ -60,6 +66,9 @@ class Worker:
         self._decoded = False
         """Whether the first photo of the course could be decoded."""
         self._study: CalibrationStudy | None = None
+        self._stream: StreamCourse | None = None
+        self._kept: tuple[Path, Darkroom] | None = None
+        """Folder and photos of a stream that are to become a run."""
         self._finished: tuple[Path, RunRecord, DecodedRun, KnownAnswer | None] | None = None
 
     def plan(
@@ -133,14 +142,17 @@ class Worker:
 
     def develop(self, watch: Watch, *, report: bool = False) -> DevelopedRun:
         """Make all pictures and write them into the run folder; the job is forgotten then, but for
-        what a `report` needs, where one is wanted and soon made.
+        what a `report` needs, where one is wanted and soon made. After `keep` it is those of what
+        was kept, and the job goes on.
 
         Raises DecodeError, NoSpaceError.
         """
         course, facts = self._of_course(), self._facts
         if report:
             load_template(TEMPLATE)
-        darkroom, folder, plan = course.darkroom, course.folder, course.plan
+        kept, self._kept = self._kept, None
+        folder, darkroom = kept or (course.folder, course.darkroom)
+        plan = course.plan
         decoded = darkroom.decoded(watch)
         warnings = write_pictures(folder, decoded)
         record = darkroom.record
@@ -154,7 +166,8 @@ class Worker:
             errors = known.rms_errors(decoded.answer, decoded.cell_means, decoded.cells)
             write_known_answer(folder, known)
         done = make_developed_run(record, decoded, errors, warnings, watch, facts.scene)
-        self.forget(watch)
+        if kept is None:
+            self.forget(watch)
         if report and is_cheap(record, decoded):
             self._finished = folder, record, decoded, known
         return replace(done, decided=course.decided)
@@ -171,7 +184,34 @@ class Worker:
 
     def forget(self, watch: Watch) -> None:
         """Keep nothing of the job."""
-        self._job = self._course = self._finished = None
+        self._job = self._course = self._finished = self._stream = self._kept = None
+
+    def roll(self, watch: Watch, over: int) -> StreamPlan:
+        """Go on with the photos of a finished course, again and again: what to take, round after
+        round. over : how many of the newest parts make a picture. Raises DecodeError."""
+        from pdcd.capture.worker.rolling import StreamCourse  # no capture waits for it
+
+        self._stream = StreamCourse(self._of_course(), over, watch)
+        return self._stream.plan
+
+    def see(
+        self, watch: Watch, photo: StreamPhoto, part: int | None, *, draw: bool
+    ) -> RollingPicture | str | None:
+        """Take a photo of a stream; with `part` it is the last one of that, and its picture is
+        made, as a JPEG, too, where it is to `draw`. Returns in words what is wrong with a photo
+        that is no good, which ends nothing."""
+        return self._of_stream().see(watch, photo, part, draw=draw)
+
+    def miss(self, watch: Watch, part: int) -> None:
+        """A photo of that part of a stream was spoilt: the one before does not count any more."""
+        self._of_stream().miss(part)
+
+    def keep(self, watch: Watch, folder: Path) -> tuple[AdoptedPlan, tuple[ShotRecord, ...]]:
+        """Write codes and newest photos of a stream into a run folder, which `develop` makes the
+        pictures of; the plan, and these photos. Raises NoSpaceError and DiskError."""
+        adopted, darkroom = self._of_stream().keep(folder)
+        self._kept = folder, darkroom
+        return adopted, darkroom.record.shots
 
     def calibrate(self, watch: Watch, begin: CalibrationStart, folder: Path) -> None:
         """Begin a calibration, whose photos will lie in `folder`; what was kept of the job before
@@ -212,6 +252,11 @@ class Worker:
                 "the job has no run folder yet" if known else "there is no plan to work on"
             )
         return self._course
+
+    def _of_stream(self) -> StreamCourse:
+        if self._stream is None:
+            raise PdcdError("no stream is under way")
+        return self._stream
 
     def _of_study(self) -> CalibrationStudy:
         if self._study is None:
