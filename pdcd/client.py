@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import socket
 import struct
 import time
@@ -22,6 +23,7 @@ import msgspec
 
 from pdcd.errors import BusyError, PdcdError, ProtocolError, RequestError
 from pdcd.files.opening import Sendable, open_parcels
+from pdcd.files.parcels import unpack_arrays
 from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.events import Attention, Event
 from pdcd.protocol.messages import (
@@ -42,6 +44,7 @@ from pdcd.protocol.messages import (
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest, SentArray
 from pdcd.protocol.result import CaptureResult
+from pdcd.protocol.stream import StreamedPicture, StreamFrame, StreamRequest
 from pdcd.protocol.views import LiveFrame, RigView
 
 _T = TypeVar("_T")
@@ -62,6 +65,9 @@ _DISK_TIMEOUT_S = 60.0
 """Time allowed to an answer for which many files are read, in seconds."""
 _ENGINE_TIMEOUT_S = 60.0
 """Time allowed to an answer that needs the devices, in seconds."""
+
+
+_CONTROL_BYTES = socket.CMSG_LEN(MAX_FDS * struct.calcsize("i"))
 
 
 class UnreachableError(ConnectionError):
@@ -85,6 +91,8 @@ class Client:
         self._next_id = 0
         self._rest = bytearray()
         self._lines: deque[bytes] = deque()
+        self._fds: deque[int] = deque()
+        """Descriptors that came with answers, in their order."""
         self._events: deque[Event] = deque()
         self._sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -117,6 +125,8 @@ class Client:
         with contextlib.suppress(OSError):  # not connected, or no more
             self._sock.shutdown(socket.SHUT_RDWR)
         self._sock.close()
+        while self._fds:
+            os.close(self._fds.popleft())
 
     @property
     def daemon_pid(self) -> int:
@@ -265,6 +275,45 @@ class Client:
                     break
                 number, enough = frame.number, on_frame(frame)
         return self._end(job, None)
+
+    def start_stream(
+        self, request: StreamRequest, *, arrays: _Arrays = _NONE, queue: bool = False
+    ) -> str:
+        """Begin a stream; the name of its job, which ends with this connection. `arrays` as in
+        `capture`."""
+        params = {**msgspec.to_builtins(request), "queue": queue}
+        request_id = self._send_with(arrays, "stream.start", params)
+        return convert_reply(self._answer(request_id, INTAKE_TIMEOUT_S, None), Admission).job
+
+    def see_stream(
+        self,
+        job: str,
+        after: int = 0,
+        picture: str = "arrays",
+        *,
+        timeout_s: float | None = None,
+    ) -> StreamedPicture:
+        """The newest picture of a stream after that number, awaited. picture : "none", "jpeg" or
+        "arrays". Raises the error that the stream ended by, Cancelled among them."""
+        asked = {"job": job, "after": after, "picture": picture}
+        request_id = self._send("stream.frame", asked)
+        message = self._hear_answer(request_id, timeout_s, None)
+        fds = [self._fds.popleft() for _ in range(min(int(message.get("fds", 0)), len(self._fds)))]
+        try:
+            frame = convert_reply(message["result"], StreamFrame)
+            if not fds:
+                return StreamedPicture(frame)
+            places = {name: (p.dtype, p.shape, p.offset) for name, p in frame.arrays.items()}
+            return StreamedPicture(frame, unpack_arrays(fds[0], places.items()))
+        except ValueError as err:
+            raise ProtocolError(f"the server sent what is no picture: {err}") from err
+        finally:
+            for fd in fds:
+                os.close(fd)
+
+    def record_stream(self, job: str) -> CaptureResult:
+        """Make a run of the newest photos of a stream, and wait for it."""
+        return self._result("stream.record", job, None)
 
     def events(self, jobs: str = "all") -> Iterator[Event]:
         """Subscribe, then yield events as they come, until the daemon closes the connection."""
@@ -420,6 +469,11 @@ class Client:
     def _answer(
         self, request_id: int, timeout_s: float | None, on_event: EventHandler | None
     ) -> Any:
+        return self._hear_answer(request_id, timeout_s, on_event)["result"]
+
+    def _hear_answer(
+        self, request_id: int, timeout_s: float | None, on_event: EventHandler | None
+    ) -> dict[str, Any]:
         while True:
             message = self._receive(timeout_s)
             if message.get("method") == "event":
@@ -427,14 +481,20 @@ class Client:
             elif "error" in message and message.get("id") in (request_id, None):
                 raise decode_error(message["error"])
             elif message.get("id") == request_id:
-                return message["result"]
+                return message
 
     def _receive(self, timeout_s: float | None) -> dict[str, Any]:
         """The next message. Raises Unreachable at the end of the stream or after the timeout."""
         while not self._lines:
             try:
                 self._sock.settimeout(timeout_s)
-                data = self._sock.recv(65536)
+                # Not recv_fds, which drops its flags in some versions of Python.
+                data, control, *_ = self._sock.recvmsg(
+                    65536, _CONTROL_BYTES, socket.MSG_CMSG_CLOEXEC
+                )
+                for level, kind, sent in control:
+                    if (level, kind) == (socket.SOL_SOCKET, socket.SCM_RIGHTS):
+                        self._fds.extend(memoryview(sent[: len(sent) // 4 * 4]).cast("i"))
             except TimeoutError as err:
                 raise UnreachableError(
                     f"the daemon on {self._path} has not answered for {timeout_s:g} s"

@@ -53,9 +53,9 @@ SubjectName = Literal["card", "scene"]
 """What a bench is calibrated on."""
 MarksName = Literal["auto", "dots", "phase", "xor"]
 """By what the geometry finds the panels: dots; stripes numbered by maps in use, or by XOR codes."""
-JobKind = Literal["capture", "plan", "show", "preview", "live", "calibrate"]
+JobKind = Literal["capture", "plan", "show", "preview", "live", "stream", "calibrate"]
 """What of the rig a job uses: all of it, the arithmetic alone, the panels, all for a quick look,
-panels and the camera's finder."""
+panels and the camera's finder, all for pictures without end."""
 VerdictName = Literal["good", "doubtful", "bad"]
 """On a finished run (docs/quality.md)."""
 PatternName = Literal[

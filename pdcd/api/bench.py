@@ -11,11 +11,14 @@ from typing import TYPE_CHECKING, Any, Self, Unpack
 from pdcd.api.arguments import Arguments, make_request
 from pdcd.api.progress import EventListener, ProgressChoice, show_progress
 from pdcd.api.run import Run, open_run
-from pdcd.errors import restore_error
+from pdcd.api.stream import PictureStream
+from pdcd.errors import RequestError, restore_error
 from pdcd.files.opening import Sendable
+from pdcd.protocol.fields import FieldError, convert_fields
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
+from pdcd.protocol.stream import StreamRequest, to_stream_request
 
 if TYPE_CHECKING:
     from pdcd.words import GoalName
@@ -98,6 +101,38 @@ class Bench(ABC):
         with show_progress(progress) as on_event:
             result = self.take(request, arrays, on_event=on_event, report=True)
         return open_finished_run(result)
+
+    @abstractmethod
+    def begin_stream(self, request: StreamRequest, arrays: Arrays = NONE) -> PictureStream:
+        """Begin a stream; `stream` is the same by keywords."""
+
+    def stream(
+        self,
+        goal: GoalName,
+        *,
+        over: int = 1,
+        rate_hz: float | None = None,
+        for_s: float | None = None,
+        **arguments: Unpack[Arguments],
+    ) -> PictureStream:
+        """Take photo after photo by one plan, and loop over the pictures: the newest each time.
+
+        Parameters
+        ----------
+        goal, arguments : as of `capture`; `codes` are those of each photo, 32 where nobody says,
+            and `parts` the photos of a set, 4 at least: each takes the next part of the set.
+        over : how many of the newest photos make a picture.
+        rate_hz : pictures a second at most; None: 30.
+        for_s : end after so many seconds of pictures; None: when it is closed.
+
+        Raises RequestError; while it is looped over, the error that the stream ended by.
+        """
+        request, arrays = make_request(goal, arguments, lambda: self.grid)
+        try:
+            own = convert_fields(StreamRequest, {"over": over, "rate_hz": rate_hz, "for_s": for_s})
+        except FieldError as err:
+            raise RequestError(str(err)) from err
+        return self.begin_stream(to_stream_request(request, **own), arrays)
 
     def __enter__(self) -> Self:
         return self

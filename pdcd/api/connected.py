@@ -12,6 +12,7 @@ import msgspec
 from pdcd.api.bench import NONE, Arrays, Bench
 from pdcd.api.progress import EventListener
 from pdcd.api.signals import hold_signals
+from pdcd.api.stream import ConnectedStream, PictureStream
 from pdcd.bench.config import load_config
 from pdcd.bench.folders import find_socket_path
 from pdcd.client import Client
@@ -19,6 +20,7 @@ from pdcd.errors import DeniedError, PdcdError
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
+from pdcd.protocol.stream import StreamRequest
 
 
 def connect(socket: Path | str | None = None, *, queue: bool = False) -> DaemonBench:
@@ -82,6 +84,11 @@ class DaemonBench(Bench):
             ours = job.kind == "plan" and job.owner.pid == os.getpid()
             if ours and job.state in ("queued", "running"):
                 self.client.cancel(job.job)
+
+    def begin_stream(self, request: StreamRequest, arrays: Arrays = NONE) -> PictureStream:
+        """Begin a stream (see `Bench.begin_stream`)."""
+        job = self.client.start_stream(request, arrays=arrays, queue=self._queue)
+        return ConnectedStream(self.client, job)
 
     def take(
         self,

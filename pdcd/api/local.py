@@ -15,17 +15,22 @@ from pdcd.api.arguments import to_json_types
 from pdcd.api.bench import NONE, Arrays, Bench
 from pdcd.api.progress import EventListener
 from pdcd.api.signals import hold_signals
+from pdcd.api.stream import LocalStream, PictureStream
 from pdcd.bench.config import from_config_tables, load_config
 from pdcd.bench.measured import apply_calibration
 from pdcd.bench.reading import check_integers, parse_toml
 from pdcd.bench.tables import Config
+from pdcd.errors import PdcdError
 from pdcd.files.opening import UnsoundFileError, open_parcels
 from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file
+from pdcd.planning.stream_set import make_set_request
 from pdcd.protocol.events import Event
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, make_job_id
+from pdcd.protocol.stream import StreamRequest
 from pdcd.protocol.views import OwnerView
+from pdcd.runs.recording import StreamListener
 
 if TYPE_CHECKING:
     from pdcd.capture.engine import Engine
@@ -143,6 +148,28 @@ class LocalBench(Bench):
             cancelled=cancelled,
             report=report,
         )
+
+    def begin_stream(self, request: StreamRequest, arrays: Arrays = NONE) -> PictureStream:
+        """Begin a stream (see `Bench.begin_stream`); the bench is for nothing else meanwhile."""
+        return self.stream_drawn(request, arrays, draw=False)
+
+    def stream_drawn(
+        self, request: StreamRequest, arrays: Arrays = NONE, *, draw: bool
+    ) -> LocalStream:
+        """The same, with pictures as JPEGs, too, where these are to be drawn."""
+        make_set_request(request)  # what is no stream is refused at once
+        wanted, given = self._read(request, arrays)
+        if not isinstance(wanted, StreamRequest):
+            raise PdcdError("a stream became a photo")
+        self._open()
+        asked = wanted
+
+        def run(listener: StreamListener) -> CaptureResult:
+            return self._engine.stream(
+                asked, given, job=make_job_id(), owner=describe_owner(), listener=listener
+            )
+
+        return LocalStream(run, draw=draw)
 
     def _open(self) -> None:
         if self._opened:

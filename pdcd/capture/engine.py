@@ -46,12 +46,12 @@ from pdcd.protocol.views import LiveFrame, OwnerView, PreviewView, RigView
 from pdcd.recipes.arrays import NO_ARRAYS, Given
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.place import HeldFolder
+from pdcd.runs.recording import StreamListener
 from pdcd.sensor.profile import load_profile
 from pdcd.virtual.scene.build import CARD
 
 if TYPE_CHECKING:
     from pdcd.capture.shots import TakenShot
-    from pdcd.capture.stream import StreamListener
     from pdcd.capture.worker.spawned import SpawnedWorker
     from pdcd.child import Child
     from pdcd.virtual.optics.bench import OpticalBench

@@ -18,6 +18,9 @@ from dataclasses import dataclass, field
 from itertools import cycle
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pdcd.bench.devices import RawFile
 from pdcd.bench.exposure_time import planned_open_s
 from pdcd.bench.tables import Config
@@ -32,8 +35,8 @@ from pdcd.errors import Cancelled, DecodeError, PhotoError, SyncError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import MAX_RAW_BYTES, read_file
 from pdcd.protocol.events import Event, ShutterClosed
-from pdcd.protocol.stream import StreamFrame, StreamRequest
-from pdcd.runs.recording import RecordOrder
+from pdcd.protocol.stream import StreamedPicture, StreamFrame, StreamRequest
+from pdcd.runs.recording import RecordOrder, StreamListener
 from pdcd.watch import Watch
 
 logger = logging.getLogger(__name__)
@@ -48,31 +51,6 @@ _RATE_S, _LEAST_S = 2.0, 0.25
 """Time over which pictures are counted, and of which nothing can be told yet."""
 _ENDING_S = 5.0
 """How long the worker may take over its last photo, with the panels black already."""
-
-
-@dataclass(frozen=True, eq=False)
-class StreamedPicture:
-    """What is told of a picture, and the picture, which a spoilt photo has not."""
-
-    frame: StreamFrame
-    picture: RollingPicture | None = None
-
-    @property
-    def number(self) -> int:
-        """As of its frame."""
-        return self.frame.number
-
-
-@dataclass(frozen=True)
-class StreamListener:
-    """Who wants a stream. tell : takes each picture, in a thread of its own. cancelled : whether
-    it is to end, asked in any thread. draws : whether pictures are to be drawn for eyes, too.
-    next_record : the next wish for a run folder, None where there is none."""
-
-    tell: Callable[[StreamedPicture], object]
-    cancelled: Callable[[], bool]
-    draws: Callable[[], bool] = lambda: False
-    next_record: Callable[[], RecordOrder | None] = lambda: None
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,13 +185,18 @@ class PictureMaker:
         )
         if made is not None and self._begun_s is None:
             self._begun_s = now_s
-        self._listener.tell(StreamedPicture(frame, made))
+        self._listener.tell(StreamedPicture(frame, {} if made is None else _arrays_of(made)))
         if counter.in_row >= _MOST_SPOILT:
             raise SyncError(
                 f"{counter.in_row} photos in a row were spoilt: {cause}",
                 hint="see what the panels and the camera do: pdcd doctor; or take a capture, which "
                 "keeps the photos that were spoilt",
             )
+
+
+def _arrays_of(made: RollingPicture) -> dict[str, NDArray[np.floating]]:
+    names = ("image", "sigma", "picture", "picture_sigma")
+    return {name: getattr(made, name) for name in names}
 
 
 def _figures_of(made: RollingPicture) -> dict[str, object]:

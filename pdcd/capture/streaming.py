@@ -19,7 +19,7 @@ from pdcd.capture.job import EngineJob, make_failure, mark_unsafe
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import CaptureRun
 from pdcd.capture.shots import TakenShot
-from pdcd.capture.stream import PictureMaker, StreamListener, StreamTaker
+from pdcd.capture.stream import PictureMaker, StreamTaker
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import PdcdError, disk_errors, to_typed_error
@@ -31,7 +31,7 @@ from pdcd.protocol.views import OwnerView, RigView
 from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.place import HeldFolder
-from pdcd.runs.recording import RecordOrder
+from pdcd.runs.recording import RecordOrder, StreamListener
 from pdcd.watch import Watch
 
 logger = logging.getLogger(__name__)

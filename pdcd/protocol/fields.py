@@ -133,6 +133,13 @@ def list_optional_fields(goal: str) -> tuple[str, ...]:
     )
 
 
+def convert_fields(kind: type[msgspec.Struct], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of some fields of a struct, each in the field's own type; those that are None are
+    left out. Raises FieldError."""
+    fields = fields_of(kind)
+    return {n: fields[n].convert(value) for n, value in values.items() if value is not None}
+
+
 def decode_struct(data: bytes | msgspec.Raw, kind: type[_S]) -> _S:
     """A message in JSON as its struct.
 

@@ -24,6 +24,7 @@ from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
+from pdcd.protocol.stream import StreamFrame, StreamRequest
 from pdcd.protocol.views import ClientRole, LiveFrame, OwnerView, PreviewView, RigView
 from pdcd.words import JobKind, JobState, PatternName
 
@@ -105,6 +106,16 @@ class StartParams(PlanParams, frozen=True, forbid_unknown_fields=True, kw_only=T
     detach: bool = False
 
 
+class StreamParams(StreamRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`stream.start`: the request, and whether it may wait while the rig is taken."""
+
+    queue: bool = False
+
+    def request(self) -> StreamRequest:
+        """The request alone, as the engine takes it."""
+        return StreamRequest(**{f: getattr(self, f) for f in StreamRequest.__struct_fields__})
+
+
 class CalibrateParams(CalibrateRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """`calibrate.start`: what to measure, and how to go about it as `capture.start` has it."""
 
@@ -127,6 +138,14 @@ class FrameParams(JobParams, frozen=True):
 
     after: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     picture: bool = True
+
+
+class StreamFrameParams(JobParams, frozen=True):
+    """`stream.frame`: the newest picture after that number, awaited: its figures alone, as a JPEG,
+    too, or as arrays, in memory whose descriptor comes with the answer."""
+
+    after: Annotated[int, Meta(ge=0, lt=2**53)] = 0
+    picture: Literal["none", "jpeg", "arrays"] = "none"
 
 
 class ListParams(_Params, frozen=True):
@@ -178,7 +197,8 @@ class Hello(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Admission(msgspec.Struct, frozen=True, kw_only=True):
-    """Answer of `capture.start`, `calibrate.start`, `calibrate.proceed` and `preview.live`."""
+    """Answer of `capture.start`, `calibrate.start`, `calibrate.proceed`, `preview.live` and
+    `stream.start`."""
 
     job: str
     state: JobState
@@ -316,6 +336,10 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "preview.live": Method(LiveParams, Admission, ClientRole.SHOOT),
         # Another user's job: administrators only, as with capture.cancel.
         "preview.frame": Method(FrameParams, LiveFrame, ClientRole.SHOOT),
+        "stream.start": Method(StreamParams, Admission, ClientRole.SHOOT, takes_fds=True),
+        # Another user's job: administrators only, as with capture.cancel.
+        "stream.frame": Method(StreamFrameParams, StreamFrame, ClientRole.SHOOT),
+        "stream.record": Method(JobParams, CaptureResult, ClientRole.SHOOT),
         "events.subscribe": Method(SubscribeParams, Subscription),
         "events.unsubscribe": Method(NoParams, Subscription),
     }

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from pdcd.protocol.about import describe_field
 from pdcd.protocol.request import CaptureRequest
@@ -75,6 +79,23 @@ class StreamFrame(msgspec.Struct, frozen=True, kw_only=True):
     """The picture for eyes; empty where it was not asked for, or not drawn yet."""
     arrays: dict[str, PackedArray] = {}
     """The picture in numbers, in the memory that comes with the answer where that was asked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class StreamedPicture:
+    """A picture of a stream: what is told of it, and its numbers, which a spoilt photo has not.
+
+    arrays : "image" and "sigma", (rows, cols, C), means over cells and their standard deviation, as
+    `pdcd.api.run.Run` has them; "picture" and "picture_sigma", (h, w, C), of the camera's quads.
+    """
+
+    frame: StreamFrame
+    arrays: Mapping[str, NDArray[np.floating]] = field(default_factory=dict)
+
+    @property
+    def number(self) -> int:
+        """As of its frame."""
+        return self.frame.number
 
 
 def to_stream_request(request: CaptureRequest, **own: Any) -> StreamRequest:

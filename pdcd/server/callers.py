@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 from collections import deque
+from typing import NamedTuple
 
 from pdcd.protocol.messages import MAX_LINE, Interest
 from pdcd.protocol.views import ClientRole
@@ -23,6 +25,19 @@ STUCK_S = 5.0
 """How long a client may leave its socket full, in seconds."""
 
 
+class _Waiting(NamedTuple):
+    """A line that is to be sent, whether it may be left out, and a descriptor that goes with it."""
+
+    line: bytes
+    droppable: bool
+    fd: int | None
+
+    def close(self) -> None:
+        """Let go of the descriptor."""
+        if self.fd is not None:
+            os.close(self.fd)
+
+
 class Caller:
     """One connection: who it is, what it listens to, and the lines it has yet to take.
 
@@ -39,26 +54,29 @@ class Caller:
         self.idle_s = 0.0
         """How long it has wanted nothing."""
         self._stream = stream
-        self._lines: deque[tuple[bytes, bool]] = deque()
+        self._lines: deque[_Waiting] = deque()
         self._bytes = 0
         self._changed = asyncio.Event()
         self._finishing = False
 
-    def send(self, line: bytes, *, droppable: bool = False) -> None:
-        """Put a line in the queue; never blocks. A full queue costs thinned events, then
-        the client."""
+    def send(self, line: bytes, *, droppable: bool = False, fd: int | None = None) -> None:
+        """Put a line in the queue, with a descriptor that it is to have and which is closed after
+        it; never blocks. A full queue costs thinned events, then the client."""
+        entry = _Waiting(line, droppable, fd)
         if self._finishing:
+            entry.close()
             return
         if len(self._lines) >= QUEUE_LINES or self._bytes + len(line) > QUEUE_BYTES:
             if droppable:
                 return
-            stale = next((entry for entry in self._lines if entry[1]), None)
+            stale = next((entry for entry in self._lines if entry.droppable), None)
             if stale is None:
+                entry.close()
                 self.abort("its queue is full")
                 return
             self._lines.remove(stale)
-            self._bytes -= len(stale[0])
-        self._lines.append((line, droppable))
+            self._bytes -= len(stale.line)
+        self._lines.append(entry)
         self._bytes += len(line)
         self._changed.set()
 
@@ -76,11 +94,14 @@ class Caller:
                 if not self._lines:
                     await self._wait_change()
                     continue
-                line, _ = self._lines.popleft()
-                self._bytes -= len(line)
+                entry = self._lines.popleft()
+                self._bytes -= len(entry.line)
                 self._changed.set()
-                async with asyncio.timeout(STUCK_S):
-                    await self._stream.send(line)
+                try:
+                    async with asyncio.timeout(STUCK_S):
+                        await self._stream.send(entry.line, entry.fd)
+                finally:
+                    entry.close()
         except TimeoutError:
             self.abort(f"it has not read for {STUCK_S:g} s")
         except OSError:
@@ -97,6 +118,8 @@ class Caller:
         self._cut()
 
     def _cut(self) -> None:
+        for entry in self._lines:
+            entry.close()
         self._lines.clear()
         self._bytes = 0
         self._stream.cut()

@@ -6,7 +6,7 @@
                 └── cancel ──> cancelled
 
 Every use of the rig is a job: a capture, a plan, a picture held on the panels (show), a preview, a
-live view, a calibration.
+live view, a stream, a calibration.
 One runs at a time. A show and a live view have no end of their own, and give way to whatever else
 their owner asks for.
 All of this is used from one thread (the event loop's); only the flags of `Job` are touched by the
@@ -19,6 +19,7 @@ lines. Each may be made again then, and goes on from where it was.
 from __future__ import annotations
 
 import asyncio
+import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -36,9 +37,11 @@ from pdcd.protocol.messages import MAX_LINE, JobView, LiveParams, ShowParams, Sh
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult, make_job_id
+from pdcd.protocol.stream import StreamedPicture, StreamRequest
 from pdcd.protocol.views import LiveFrame, OwnerView, PreviewView, RigView
 from pdcd.recipes.arrays import NO_ARRAYS, Given
 from pdcd.runs.place import HeldFolder
+from pdcd.runs.recording import RecordOrder, StreamListener
 from pdcd.words import JobKind, JobState
 
 ENDED: frozenset[str] = frozenset({"done", "failed", "cancelled"})
@@ -148,6 +151,20 @@ class EngineLike(Protocol):
         promises of `capture`; `tell` takes each picture."""
         ...
 
+    def stream(
+        self,
+        request: StreamRequest,
+        given: Given,
+        *,
+        job: str,
+        owner: OwnerView,
+        emit: Emit,
+        listener: StreamListener,
+    ) -> CaptureResult:
+        """Take photo after photo by one plan until the listener ends it, or its time is over, with
+        the promises of `capture`."""
+        ...
+
     def preview(
         self, *, job: str, owner: OwnerView, emit: Emit, cancelled: Callable[[], bool]
     ) -> PreviewView:
@@ -169,7 +186,7 @@ class Owner:
         return OwnerView(uid=self.uid, pid=self.pid, user=self.user)
 
 
-JobRequest = CaptureRequest | ShowParams | LiveParams | CalibrateRequest
+JobRequest = CaptureRequest | StreamRequest | ShowParams | LiveParams | CalibrateRequest
 """What a job was asked to do."""
 JobAnswer = PlanSummary | ShowReply | PreviewView
 """What the request that started a job is told, where that is more than its result."""
@@ -202,10 +219,14 @@ class Job:
     """How often its end may still be told, as long as that fails."""
     given_up: bool = False
     """Of a show or a live view: its owner wants the rig for something else."""
-    frame: LiveFrame | None = None
-    """Of a live view: the newest picture."""
+    frame: LiveFrame | StreamedPicture | None = None
+    """Of a live view or a stream: the newest picture."""
     news: asyncio.Event = field(default_factory=asyncio.Event)
-    """Of a live view: set once there is a newer one, or its end; each has an event of its own."""
+    """Of these: set once there is a newer one, or its end; each has an event of its own."""
+    looked_s: float = -math.inf
+    """Of a stream: when somebody asked for a drawn picture last."""
+    records: deque[RecordOrder] = field(default_factory=deque)
+    """Of a stream: wishes for run folders."""
     ended: asyncio.Event = field(default_factory=asyncio.Event)
     answered: asyncio.Event = field(default_factory=asyncio.Event)
     let_go: asyncio.Event = field(default_factory=asyncio.Event)
@@ -228,7 +249,7 @@ class Job:
         way."""
         return self.kind in ("show", "live") and self.owner.uid == owner.uid
 
-    def see(self, frame: LiveFrame) -> None:
+    def see(self, frame: LiveFrame | StreamedPicture) -> None:
         """Take the newest picture, and wake who waits for it."""
         if self.state not in ENDED:
             seen, self.frame, self.news = self.news, frame, asyncio.Event()

@@ -14,6 +14,8 @@ import msgspec
 
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, Cancelled, DeniedError, PdcdError
+from pdcd.files.parcels import pack_arrays
+from pdcd.planning.stream_set import make_set_request
 from pdcd.protocol import messages
 from pdcd.protocol.fields import (
     ARRAY_FIELDS,
@@ -41,12 +43,15 @@ from pdcd.protocol.messages import (
     ShowReply,
     StartParams,
     Status,
+    StreamFrameParams,
+    StreamParams,
     SubscribeParams,
     Subscription,
 )
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
+from pdcd.protocol.stream import PackedArray, StreamFrame
 from pdcd.protocol.views import ClientRole, LiveFrame, PreviewView, RigView
 from pdcd.recipes.arrays import NO_ARRAYS, Given
 from pdcd.recipes.goals import KEEPS
@@ -57,12 +62,15 @@ from pdcd.server.callers import Caller
 from pdcd.server.intake import Intake
 from pdcd.server.jobs import EngineLike, Job, Owner
 from pdcd.server.protocol import RpcRequest
+from pdcd.server.reading import ReplyWithMemory
 from pdcd.server.runner import Runner
 from pdcd.server.turns import UserTurns
 from pdcd.server.worker import EngineThread
 from pdcd.version import __version__
 
-_OWNERS = frozenset({"capture.cancel", "calibrate.proceed", "preview.frame"})
+_OWNERS = frozenset(
+    {"capture.cancel", "calibrate.proceed", "preview.frame", "stream.frame", "stream.record"}
+)
 """What of another user's job only an administrator may do."""
 
 _A = TypeVar("_A", PlanSummary, ShowReply, PreviewView)
@@ -101,7 +109,9 @@ class Methods:
         self._description = description
         folder = config.server.arrays
         self._intake = Intake(None if folder is None else Path(folder), description.grid)
-        self._table: dict[str, Callable[[Caller, Any], Awaitable[msgspec.Struct]]] = {
+        self._table: dict[
+            str, Callable[[Caller, Any], Awaitable[msgspec.Struct | ReplyWithMemory]]
+        ] = {
             "hello": self._hello,
             "ping": self._ping,
             "rig.status": self._status,
@@ -116,6 +126,8 @@ class Methods:
             "preview.grab": self._preview,
             "preview.live": self._live,
             "preview.frame": self._frame,
+            "stream.frame": self._stream_frame,
+            "stream.record": self._stream_record,
             "events.subscribe": self._subscribe,
             "events.unsubscribe": self._unsubscribe,
         }
@@ -144,7 +156,9 @@ class Methods:
             clock=_clock(),
         )
 
-    async def handle(self, caller: Caller, request: RpcRequest) -> msgspec.Struct:
+    async def handle(
+        self, caller: Caller, request: RpcRequest
+    ) -> msgspec.Struct | ReplyWithMemory:
         """Do what is asked and return the result. Raises PdcdError."""
         self.permit(caller, request.method)
         self._permit_job(caller, request)
@@ -154,6 +168,8 @@ class Methods:
         params, given = await self._intake.take(params, request.fds, caller.peer)
         if isinstance(params, StartParams):
             return self._start(caller, params, given)
+        if isinstance(params, StreamParams):
+            return self._stream(caller, params, given)
         if isinstance(params, PlanParams):
             return await self._plan(caller, params, given)
         raise PdcdError(f"{request.method} takes no request for a photo")
@@ -318,6 +334,35 @@ class Methods:
     async def _frame(self, caller: Caller, params: FrameParams) -> LiveFrame:
         frame = await self._runner.see_next(params.job, params.after)
         return frame if params.picture else msgspec.structs.replace(frame, jpeg=b"")
+
+    def _stream(self, caller: Caller, params: StreamParams, given: Given) -> Admission:
+        if caller.gone:  # while its arrays were read
+            raise Cancelled("the client has gone")
+        if params.queue:
+            self._refuse_many(caller)
+        make_set_request(params)  # what is no stream is refused at once
+        job = self._runner.start(
+            params.request(), given, _owner(caller), kind="stream", queue=params.queue
+        )
+        return Admission(job=job.name, state=job.state)
+
+    async def _stream_frame(
+        self, caller: Caller, params: StreamFrameParams
+    ) -> StreamFrame | ReplyWithMemory:
+        if params.picture == "jpeg":
+            self._runner.table.get(params.job).looked_s = time.monotonic()
+        streamed = await self._runner.see_next_of_stream(params.job, params.after)
+        frame = streamed.frame
+        if params.picture != "jpeg":
+            frame = msgspec.structs.replace(frame, jpeg=b"")
+        if params.picture != "arrays" or not streamed.arrays:
+            return frame
+        fd, places = pack_arrays(streamed.arrays)
+        arrays = {name: PackedArray(*place) for name, place in places.items()}
+        return ReplyWithMemory(msgspec.structs.replace(frame, arrays=arrays), fd)
+
+    async def _stream_record(self, caller: Caller, params: JobParams) -> CaptureResult:
+        return await self._runner.record(params.job, self._place(None))
 
     async def _subscribe(self, caller: Caller, params: SubscribeParams) -> Subscription:
         caller.interest = params.jobs

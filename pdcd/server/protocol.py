@@ -327,9 +327,11 @@ def encode_line(message: Mapping[str, object]) -> bytes:
     return line
 
 
-def encode_reply(request_id: _Id, result: object) -> bytes:
-    """The answer to a request. Raises ProtocolError when it does not fit into a line."""
-    return encode_line({"jsonrpc": "2.0", "id": request_id, "result": result})
+def encode_reply(request_id: _Id, result: object, *, fds: int = 0) -> bytes:
+    """The answer to a request, with which so many descriptors come. Raises ProtocolError when it
+    does not fit into a line."""
+    told = {"jsonrpc": "2.0", "id": request_id, "result": result}
+    return encode_line({**told, "fds": fds} if fds else told)
 
 
 def encode_error(request_id: _Id | None, error: PdcdError, code: int | None = None) -> bytes:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import msgspec
 
@@ -39,6 +40,13 @@ _CLOSE_S = 1.0
 """How long new descriptors wait until those of answered requests are closed, in seconds."""
 
 
+class ReplyWithMemory(NamedTuple):
+    """An answer, and a descriptor that goes with it, which is closed then."""
+
+    reply: msgspec.Struct
+    fd: int
+
+
 class Service(Protocol):
     """What the methods do; see `pdcd.server.methods`."""
 
@@ -50,7 +58,9 @@ class Service(Protocol):
         """Raise DeniedError for a method that this client may not call, whatever its parameters."""
         ...
 
-    async def handle(self, caller: Caller, request: RpcRequest) -> msgspec.Struct:
+    async def handle(
+        self, caller: Caller, request: RpcRequest
+    ) -> msgspec.Struct | ReplyWithMemory:
         """Do what is asked and return the result. Raises PdcdError."""
         ...
 
@@ -169,9 +179,13 @@ async def answer_request(
     service: Service, caller: Caller, request: RpcRequest, descriptors: Descriptors
 ) -> None:
     """Do one request and queue its answer, if it wants one."""
+    fd: int | None = None
     try:
         result = await service.handle(caller, request)
-        line = b"" if request.id is None else encode_reply(request.id, result)
+        if isinstance(result, ReplyWithMemory):
+            result, fd = result
+        fds = 0 if fd is None else 1
+        line = b"" if request.id is None else encode_reply(request.id, result, fds=fds)
     except asyncio.CancelledError:
         raise
     # A fault of ours must not leave the client without an answer.
@@ -183,5 +197,7 @@ async def answer_request(
         # No name but `err`: any other would keep error and frames, and so the request, in a circle.
         line = b"" if request.id is None else encode_error(request.id, to_typed_error(err))
     if line:
-        caller.send(line)
+        caller.send(line, fd=fd)
+    elif fd is not None:
+        os.close(fd)
     descriptors.release(request.fds)

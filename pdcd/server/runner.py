@@ -12,19 +12,22 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 import msgspec
 
-from pdcd.errors import Cancelled, PdcdError, RequestError, restore_error
+from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError, restore_error
 from pdcd.protocol import events
 from pdcd.protocol.events import Event
 from pdcd.protocol.messages import LiveParams, ShowParams, ShowReply, to_wire_types
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
-from pdcd.protocol.result import CaptureResult
+from pdcd.protocol.result import CaptureResult, make_job_id
+from pdcd.protocol.stream import StreamedPicture, StreamRequest
 from pdcd.protocol.views import LiveFrame, PreviewView
 from pdcd.recipes.arrays import Given
 from pdcd.runs.place import HeldFolder
+from pdcd.runs.recording import RecordOrder, StreamListener
 from pdcd.server.jobs import (
     ENDED,
     EngineLike,
@@ -53,6 +56,11 @@ _PROCEED_LOOK_S = 0.1
 
 _ANEW_S = 0.1
 """Time until the jobs are seen to again after a fault of ours, in seconds."""
+
+_DRAWN_S = 2.0
+"""How long pictures of a stream are drawn after somebody asked for one."""
+_MOST_RECORDS = 4
+"""Runs of one stream that may wait to be made."""
 
 _BLACK_TRIES = 3
 """How often the panels are asked to go black after a show."""
@@ -140,10 +148,62 @@ class Runner:
         job = self.table.get(name)
         if job.kind != "live":
             raise RequestError(f"job {name} is no live view", hint="begin one with preview.live")
+        frame = await self._next(job, after)
+        if not isinstance(frame, LiveFrame):
+            raise PdcdError(f"job {name} gave no picture of a live view")
+        return frame
+
+    async def see_next_of_stream(self, name: str, after: int) -> StreamedPicture:
+        """The newest picture of a stream, as `see_next` has that of a live view."""
+        frame = await self._next(self._stream(name), after)
+        if not isinstance(frame, StreamedPicture):
+            raise PdcdError(f"job {name} gave no picture of a stream")
+        return frame
+
+    async def record(self, name: str, place: HeldFolder) -> CaptureResult:
+        """Make a run of the newest photos of a stream; `place` is closed when that has ended.
+
+        Raises RequestError for a job that is none, BusyError where enough runs are wanted already.
+        """
+        loop, made = asyncio.get_running_loop(), asyncio.Event()
+        results: list[CaptureResult] = []
+
+        def done(result: CaptureResult) -> None:
+            results.append(result)
+            loop.call_soon_threadsafe(made.set)
+
+        with place:
+            job = self._stream(name)
+            if job.state in ENDED:
+                raise RequestError(f"job {name} has ended", hint="record while it runs")
+            if len(job.records) >= _MOST_RECORDS:
+                raise BusyError(f"{len(job.records)} runs of job {name} are wanted already")
+            job.records.append(RecordOrder(make_job_id(), place, done))
+            ended = asyncio.create_task(job.ended.wait())
+            try:
+                await asyncio.wait(
+                    {ended, asyncio.create_task(made.wait())}, return_when=asyncio.FIRST_COMPLETED
+                )
+            finally:
+                ended.cancel()
+            if not results:
+                raise Cancelled("the stream ended before a run was made of it")
+            return results[0]
+
+    def _stream(self, name: str) -> Job:
+        job = self.table.get(name)
+        if job.kind != "stream":
+            raise RequestError(f"job {name} is no stream", hint="begin one with stream.start")
+        return job
+
+    async def _next(self, job: Job, after: int) -> LiveFrame | StreamedPicture:
+        """The newest picture of a job, once one has come after that number."""
         while (frame := job.frame) is None or frame.number <= after:
             if job.ended.is_set():
-                gone = {"kind": "cancelled", "message": "the live view gave way to another job"}
+                gone = {"kind": "cancelled", "message": f"the {job.kind} gave way to another job"}
                 error = gone if job.result is None else job.result.error or gone
+                if job.kind == "stream" and job.state == "done":
+                    error = {"kind": "cancelled", "message": "the stream has ended"}
                 raise restore_error(error)
             await job.news.wait()
         return frame
@@ -271,7 +331,7 @@ class Runner:
     def _use(
         self,
         job: Job,
-        request: CaptureRequest | CalibrateRequest | LiveParams,
+        request: CaptureRequest | CalibrateRequest | LiveParams | StreamRequest,
         loop: asyncio.AbstractEventLoop,
     ) -> tuple[CaptureResult, JobAnswer | None]:
         """In the worker's thread: the engine call, with events thinned and sent to the loop."""
@@ -303,6 +363,8 @@ class Runner:
                 )
             elif isinstance(request, LiveParams):
                 result = self._show_live(job, request, loop, cancelled)
+            elif isinstance(request, StreamRequest):
+                result = self._stream_pictures(job, request, loop, emit, cancelled)
             else:
                 result, answer = self._photograph(job, request, emit, cancelled, result)
         finally:
@@ -327,6 +389,35 @@ class Runner:
             tell=lambda frame: loop.call_soon_threadsafe(job.see, frame),
             cancelled=cancelled,
             ended=lambda: job.given_up,
+        )
+
+    def _stream_pictures(
+        self,
+        job: Job,
+        request: StreamRequest,
+        loop: asyncio.AbstractEventLoop,
+        emit: events.Emit,
+        cancelled: Callable[[], bool],
+    ) -> CaptureResult:
+        def next_record() -> RecordOrder | None:
+            cancelled()
+            with suppress(IndexError):
+                return job.records.popleft()
+            return None
+
+        listener = StreamListener(
+            tell=lambda frame: loop.call_soon_threadsafe(job.see, frame),
+            cancelled=cancelled,
+            draws=lambda: time.monotonic() - job.looked_s < _DRAWN_S,
+            next_record=next_record,
+        )
+        return self._engine.stream(
+            request,
+            job.given,
+            job=job.name,
+            owner=job.owner.view(),
+            emit=emit,
+            listener=listener,
         )
 
     def _photograph(

@@ -48,13 +48,22 @@ class Stream:
                     _READ_BYTES, _CONTROL_BYTES, socket.MSG_CMSG_CLOEXEC
                 )
             except (BlockingIOError, InterruptedError):
-                await self._readable()
+                await self._ready()
             else:
                 return ReceivedData(data, _fds_in(control), bool(flags & socket.MSG_CTRUNC))
         return ReceivedData(b"", [], False)
 
-    async def send(self, line: bytes) -> None:
-        """Hand a line to the kernel, when it has room. Raises OSError when the client has gone."""
+    async def send(self, line: bytes, fd: int | None = None) -> None:
+        """Hand a line to the kernel, when it has room, and a descriptor with its first byte, which
+        stays the caller's. Raises OSError when the client has gone."""
+        if fd is not None:
+            rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [fd]))]
+            while True:
+                try:
+                    line = line[self._sock.sendmsg([line], rights) :]
+                    break
+                except (BlockingIOError, InterruptedError):
+                    await self._ready(writing=True)
         await asyncio.get_running_loop().sock_sendall(self._sock, line)
 
     def cut(self) -> None:
@@ -75,14 +84,19 @@ class Stream:
                 pass
         self._sock.close()
 
-    async def _readable(self) -> None:
+    async def _ready(self, *, writing: bool = False) -> None:
         loop = asyncio.get_running_loop()
         ready = loop.create_future()
-        loop.add_reader(self._sock, lambda: None if ready.done() else ready.set_result(None))
+        add, remove = (
+            (loop.add_writer, loop.remove_writer)
+            if writing
+            else (loop.add_reader, loop.remove_reader)
+        )
+        add(self._sock, lambda: None if ready.done() else ready.set_result(None))
         try:
             await ready
         finally:
-            loop.remove_reader(self._sock)
+            remove(self._sock)
 
 
 def _fds_in(control: list[tuple[int, int, bytes]]) -> list[int]:
