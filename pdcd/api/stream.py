@@ -95,7 +95,7 @@ class PictureStream(ABC):
 
     def __next__(self) -> LivePicture:
         while True:
-            streamed = self._next()
+            streamed = self.take()
             if streamed is None:
                 self.close()
                 raise StopIteration
@@ -103,8 +103,9 @@ class PictureStream(ABC):
                 return LivePicture(**streamed.arrays, told=streamed.frame)
 
     @abstractmethod
-    def _next(self) -> StreamedPicture | None:
-        """The newest that was not taken yet, awaited; None at the end. Raises PdcdError."""
+    def take(self) -> StreamedPicture | None:
+        """The newest that was not taken yet, a spoilt photo among them, awaited; None at the end.
+        For who shows figures. Raises the error that the stream ended by."""
 
     @abstractmethod
     def record(self) -> Run:
@@ -145,7 +146,8 @@ class LocalStream(PictureStream):
         )
         self._thread.start()
 
-    def _next(self) -> StreamedPicture | None:
+    def take(self) -> StreamedPicture | None:
+        """See `PictureStream.take`."""
         return self._shared.take()
 
     def record(self) -> Run:
@@ -218,15 +220,17 @@ class _Shared:
 class ConnectedStream(PictureStream):
     """A stream of the bench of a daemon."""
 
-    def __init__(self, client: Client, job: str) -> None:
+    def __init__(self, client: Client, job: str, picture: str = "arrays") -> None:
+        """picture : what of pictures is wanted, as of `Client.see_stream`."""
         self._client: Client | None = client
-        self._job, self._after = job, 0
+        self._job, self._after, self._picture = job, 0, picture
 
-    def _next(self) -> StreamedPicture | None:
+    def take(self) -> StreamedPicture | None:
+        """See `PictureStream.take`."""
         if self._client is None:
             return None
         try:
-            streamed = self._client.see_stream(self._job, self._after)
+            streamed = self._client.see_stream(self._job, self._after, self._picture)
         except Cancelled:
             return None
         self._after = streamed.number

@@ -40,7 +40,7 @@ _How = dict[str, Any]
 _TYPES: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("FILE", "DIR", "PATH", "PNG", "FOLDER"), Path),
     **dict.fromkeys(("N", "ROW"), int),
-    **dict.fromkeys(("S", "E", "X", "BLACK"), float),
+    **dict.fromkeys(("S", "E", "X", "BLACK", "HZ"), float),
     "SHARE": parse_share,
 }
 """Type of a value by the (first) word that stands for it; a text where it is none of these."""
@@ -166,7 +166,7 @@ def _add_shared(
         told = dict(word.split("=") for word in words)
         request.add_goal(parser, told.get("goal"))
         _add_options(parser, [ArgumentRow("@client", "", []), ArgumentRow("@local", "", [])])
-        request.add_request_fields(parser, without=told.get("without", ""))
+        request.add_request_fields(parser, without=told.get("without", "").split(","))
         return
     if name == "again":  # what was typed before the command counts where it is not typed again
         name, how = "runs", {"default": argparse.SUPPRESS}

@@ -126,6 +126,18 @@ preview  preview:show_live_view  see what the camera sees, with its focus, until
   --web                       on a page in a browser, as pdcd web has it
   --port N=8137               of that page; 0 takes a free one
   @client
+stream  stream:show_stream  take photos again and again by one plan, until Ctrl-C
+  usage                       [OPTIONS] GOAL
+  more                        Take photos again and again by one plan, until Ctrl-C, and say how good
+                              the newest picture is. Each photo takes the codes of the next part of a
+                              set; --codes are those of one photo.
+  @photo without=error,confidence,seconds,until_error,repeat,method,keep_raw,out
+  @queue
+  --over N=1                  how many of the newest photos make a picture
+  --rate HZ                   pictures a second at most; default: 30
+  --seconds S                 end by itself
+  --out PATH                  keep the pictures: in a video (.mp4), or as float TIFFs in a folder
+  --record                    at the end, make a run folder of the newest set of photos
 timing  panels:measure_timing  measure how regularly the panels show codes
   --frames N=3000             refreshes to show
   --out PNG                   write histograms of the times

@@ -1,0 +1,200 @@
+"""`pdcd stream`: pictures by one plan, again and again, with their rate, latency and error."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+import numpy as np
+
+from pdcd.api.local import local
+from pdcd.api.progress import tell_user
+from pdcd.api.signals import send_signals_to
+from pdcd.api.stream import ConnectedStream, PictureStream
+from pdcd.cli.daemon import find_daemon, refuse_with_local
+from pdcd.cli.exits import DONE
+from pdcd.cli.output import say, say_json
+from pdcd.cli.request import collect_array_files, parse_request_options
+from pdcd.cli.streams import write_stdout
+from pdcd.errors import ConfigError, DiskError, disk_errors
+from pdcd.protocol.fields import FieldError, convert_fields
+from pdcd.protocol.stream import StreamedPicture, StreamFrame, StreamRequest, to_stream_request
+
+_LINE_S = 1.0
+"""Time between two lines of figures where no terminal has them rewritten."""
+_VIDEO = ".mp4"
+_USUAL_HZ, _WAITING = 10.0, 16
+"""Pictures a second of a video whose rate is not known by so many pictures."""
+_HELD_BACK = frozenset({"jpeg", "size_px", "arrays"})
+"""What JSON leaves out of what is told of a picture."""
+
+
+def show_stream(args: argparse.Namespace) -> int:
+    """Show figures of pictures until Ctrl-C, an error, or for some time: by the daemon where one
+    answers, as the rig is its own, else in this process."""
+    refuse_with_local(args, "socket", "queue")
+    request, shown = _parse(args), _Shown(args)
+    with ExitStack() as held:
+        keeper = None if args.out is None else held.enter_context(_Keeper(args.out))
+        held.enter_context(send_signals_to(signal.default_int_handler))
+        with suppress(KeyboardInterrupt):
+            stream = held.enter_context(_begin(args, request, held, keeper))
+            with suppress(KeyboardInterrupt):
+                while (streamed := stream.take()) is not None and not shown.take(streamed.frame):
+                    if keeper is not None:
+                        keeper.keep(streamed)
+            shown.end()
+            if args.record:
+                say(str(stream.record().folder))
+    return DONE
+
+
+def _parse(args: argparse.Namespace) -> StreamRequest:
+    """What was typed, as a request. Raises ConfigError."""
+    typed = {"over": args.over, "rate_hz": args.rate, "for_s": args.seconds}
+    try:
+        own = convert_fields(StreamRequest, typed)
+    except FieldError as err:
+        raise ConfigError(str(err)) from err
+    own.pop("for_s", None)  # it counts here, so that a run can be made at the end
+    return to_stream_request(parse_request_options(args), **own)
+
+
+def _begin(
+    args: argparse.Namespace, request: StreamRequest, held: ExitStack, keeper: _Keeper | None
+) -> PictureStream:
+    """The stream; `held` ends what it needs. Raises RequestError, Unreachable."""
+    files = collect_array_files(args)
+    drawn, counted = keeper is not None and keeper.video, keeper is not None and not keeper.video
+    client = None if args.local else find_daemon(args, drives=True)
+    if client is None:
+        bench = held.enter_context(local(args.config))
+        return bench.stream_drawn(request, files, draw=drawn)
+    held.enter_context(client)
+    job = client.start_stream(request, arrays=files, queue=args.queue)
+    return ConnectedStream(client, job, "jpeg" if drawn else "arrays" if counted else "none")
+
+
+class _Shown:
+    """Figures as they come: a line a second, which a terminal has rewritten, or JSON."""
+
+    def __init__(self, args: argparse.Namespace) -> None:
+        self._json: bool = args.json
+        self._goal: str = args.goal
+        self._seconds: float | None = args.seconds
+        self._begun_s: float | None = None
+        self._next_s = 0.0
+        self._rewrites = not args.json and sys.stdout.isatty()
+        if not args.json:
+            tell_user("Ctrl-C ends" if args.seconds is None else f"for {args.seconds:g} s")
+
+    def take(self, frame: StreamFrame) -> bool:
+        """Show the figures of a picture; whether enough were seen."""
+        now_s = time.monotonic()
+        if self._begun_s is None:  # what it took to begin does not count
+            self._begun_s = now_s
+        if self._json:
+            told = msgspec.to_builtins(frame)
+            say_json({name: told[name] for name in told if name not in _HELD_BACK})
+        elif now_s >= self._next_s or frame.spoilt:
+            self._next_s = now_s + (0.0 if self._rewrites else _LINE_S)
+            line = f"{self._goal}: {describe_stream_frame(frame)}"
+            write_stdout(f"\r{line}\x1b[K" if self._rewrites else f"{line}\n")
+        return self._seconds is not None and now_s - self._begun_s >= self._seconds
+
+    def end(self) -> None:
+        """No more come."""
+        if self._rewrites and self._begun_s is not None:
+            write_stdout("\n")
+
+
+def describe_stream_frame(frame: StreamFrame) -> str:
+    """A picture's figures in a line."""
+    if frame.spoilt:
+        return f"a photo was spoilt: {frame.spoilt}"
+    sigma = "unknown"
+    if frame.rms_sigma is not None:
+        sigma = f"{100.0 * frame.rms_sigma:.2g} %"
+        sigma += "" if frame.sigma_kind != "sensor" else " of the sensor alone"
+    lost = f", {frame.lost} photos spoilt" if frame.lost else ""
+    return (
+        f"{frame.rate_hz:.1f} pictures/s, latency {1000.0 * frame.latency_s:.0f} ms, "
+        f"sigma {sigma}{lost}"
+    )
+
+
+class _Writer(Protocol):
+    """Of a video, as OpenCV has it."""
+
+    def write(self, image: np.ndarray, /) -> None:
+        """Take one more picture."""
+
+    def release(self) -> None:
+        """Write the end."""
+
+
+class _Keeper:
+    """Keeps the pictures: in a video as they are drawn, or each as a float TIFF in a folder."""
+
+    def __init__(self, out: Path) -> None:
+        """Raises DiskError for a folder that cannot be made."""
+        self._out, self.video = out, out.suffix.lower() == _VIDEO
+        self._waiting: list[np.ndarray] = []
+        self._writer: _Writer | None = None
+        with disk_errors(str(out)):
+            (out.parent if self.video else out).mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> _Keeper:
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        if self._waiting:
+            self._write(_USUAL_HZ)
+        if self._writer is not None:
+            self._writer.release()
+            say(str(self._out))
+        elif not self.video:
+            say(str(self._out))
+
+    def keep(self, streamed: StreamedPicture) -> None:
+        """Keep a picture; a spoilt photo has none. Raises NoSpaceError and DiskError."""
+        if not self.video:
+            if streamed.arrays:
+                from pdcd.pictures.written.picture_files import write_tiff
+
+                write_tiff(self._out / f"{streamed.number:06d}.tif", streamed.arrays["picture"])
+            return
+        if not streamed.frame.jpeg:
+            return
+        from pdcd.files.images import decode_jpeg
+
+        picture = decode_jpeg(streamed.frame.jpeg)
+        if picture is None:
+            return
+        self._waiting.append(np.ascontiguousarray(np.atleast_3d(picture)[..., ::-1]))
+        rate_hz = streamed.frame.rate_hz
+        if self._writer is not None or rate_hz or len(self._waiting) >= _WAITING:
+            self._write(rate_hz or _USUAL_HZ)
+
+    def _write(self, rate_hz: float) -> None:
+        """Write what waits; the rate is that of the first pictures. Raises DiskError."""
+        import cv2
+
+        height, width = self._waiting[0].shape[:2]
+        if self._writer is None:
+            code = cv2.VideoWriter.fourcc(*"mp4v")
+            made = cv2.VideoWriter(str(self._out), code, rate_hz, (width, height))
+            if not made.isOpened():
+                raise DiskError(
+                    f"cannot write the video {self._out}", hint="check the folder and its rights"
+                )
+            self._writer = made
+        for picture in self._waiting:
+            self._writer.write(picture)
+        self._waiting.clear()
