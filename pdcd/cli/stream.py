@@ -41,7 +41,7 @@ def show_stream(args: argparse.Namespace) -> int:
     refuse_with_local(args, "socket", "queue")
     request, shown = _parse(args), _Shown(args)
     with ExitStack() as held:
-        keeper = None if args.out is None else held.enter_context(_Keeper(args.out))
+        keeper = None if args.kept_in is None else held.enter_context(_Keeper(args.kept_in))
         held.enter_context(send_signals_to(signal.default_int_handler))
         with suppress(KeyboardInterrupt):
             stream = held.enter_context(_begin(args, request, held, keeper))
@@ -57,7 +57,7 @@ def show_stream(args: argparse.Namespace) -> int:
 
 def _parse(args: argparse.Namespace) -> StreamRequest:
     """What was typed, as a request. Raises ConfigError."""
-    typed = {"over": args.over, "rate_hz": args.rate, "for_s": args.seconds}
+    typed = {"over": args.over, "rate_hz": args.rate, "for_s": args.lasts_s}
     try:
         own = convert_fields(StreamRequest, typed)
     except FieldError as err:
@@ -87,12 +87,12 @@ class _Shown:
     def __init__(self, args: argparse.Namespace) -> None:
         self._json: bool = args.json
         self._goal: str = args.goal
-        self._seconds: float | None = args.seconds
+        self._seconds: float | None = args.lasts_s
         self._begun_s: float | None = None
         self._next_s = 0.0
         self._rewrites = not args.json and sys.stdout.isatty()
         if not args.json:
-            tell_user("Ctrl-C ends" if args.seconds is None else f"for {args.seconds:g} s")
+            tell_user("Ctrl-C ends" if args.lasts_s is None else f"for {args.lasts_s:g} s")
 
     def take(self, frame: StreamFrame) -> bool:
         """Show the figures of a picture; whether enough were seen."""

@@ -135,8 +135,8 @@ stream  stream:show_stream  take photos again and again by one plan, until Ctrl-
   @queue
   --over N=1                  how many of the newest photos make a picture
   --rate HZ                   pictures a second at most; default: 30
-  --seconds S                 end by itself
-  --out PATH                  keep the pictures: in a video (.mp4), or as float TIFFs in a folder
+  --seconds S > lasts_s       end by itself
+  --out PATH > kept_in        keep the pictures: in a video (.mp4), or as float TIFFs in a folder
   --record                    at the end, make a run folder of the newest set of photos
 timing  panels:measure_timing  measure how regularly the panels show codes
   --frames N=3000             refreshes to show
