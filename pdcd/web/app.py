@@ -21,6 +21,7 @@ from pdcd.protocol.fields import FieldError, decode_struct
 from pdcd.protocol.messages import MAX_LINE, JobParams, LiveParams, NoParams
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.stream import StreamRequest
 from pdcd.web.asks import ENGINE_S, WAIT_S, DaemonQueries, Turns
 from pdcd.web.door import REQUEST_S, BrowserAuth, Refusal, VisitorPlaces
 from pdcd.web.news import News, TooManyPagesError, make_message
@@ -80,6 +81,7 @@ WANTS: Mapping[str, _Wants] = {
     "calibrate": _Wants(CalibrateRequest, "calibrate.start", INTAKE_TIMEOUT_S),
     "proceed": _Wants(JobParams, "calibrate.proceed", INTAKE_TIMEOUT_S),
     "cancel": _Wants(JobParams, "capture.cancel", ENGINE_S),
+    "record": _Wants(JobParams, "stream.record", ENGINE_S),
     "look": _Wants(NoParams, "preview.grab", ENGINE_S),
 }
 """All that a page can have done, by the last part of the address."""
@@ -126,6 +128,7 @@ class Site:
         for name in WANTS:
             app.router.add_post(f"/{name}", self._post)
         app.router.add_post("/live", self._live)
+        app.router.add_post("/stream", self._stream)
         return app
 
     @web.middleware
@@ -189,6 +192,12 @@ class Site:
         asked = await _read_body(request, LiveParams, SMALL_BYTES)
         self._places.admit(request.transport, LONG_S)
         return await self._streamed(request, _tell_frames(self._asks.follow(_plain(asked))))
+
+    async def _stream(self, request: web.Request) -> web.StreamResponse:
+        """Pictures of a stream, for as long as the page reads them: then it ends."""
+        asked = await _read_body(request, StreamRequest, MOST_BODY_BYTES)
+        self._places.admit(request.transport, LONG_S)
+        return await self._streamed(request, _tell_frames(self._asks.follow_stream(_plain(asked))))
 
     async def _streamed(
         self, request: web.Request, messages: AsyncGenerator[bytes, None]

@@ -85,21 +85,33 @@ class DaemonQueries:
         """End a job; has a place kept for it, so that it need not wait for a plan."""
         return await self._kept.do(self._call, "capture.cancel", {"job": job}, ENGINE_S)
 
-    async def follow(self, params: _Params) -> AsyncGenerator[Any, None]:
+    def follow(self, params: _Params) -> AsyncGenerator[Any, None]:
         """The pictures of a live view, the newest each time, which ends when nobody asks for more:
         its connection is its own. Raises as `ask`, and the error that it ended by."""
+        return self._follow("preview.live", params, "preview.frame", {}, ENGINE_S)
+
+    def follow_stream(self, params: _Params) -> AsyncGenerator[Any, None]:
+        """The same of a stream, after the name of its job: until its first picture there is much to
+        photograph."""
+        return self._follow("stream.start", params, "stream.frame", {"picture": "jpeg"}, None)
+
+    async def _follow(
+        self, start: str, params: _Params, see: str, wanted: _Params, answer_s: float | None
+    ) -> AsyncGenerator[Any, None]:
         if self._following >= LIVE_VIEWS:
             raise BusyError("too many pages ask for a live view", hint="close some of them")
         self._following += 1
         client: Client | None = None
         try:
             client = await call_in_thread(Client, self._socket, CONNECT_S)
-            started = await call_in_thread(client.call, "preview.live", params)
+            started = await call_in_thread(client.call, start, params)
             frame: dict[str, Any] = {"number": 0}
+            if answer_s is None:
+                yield {"job": started["job"]}
             while True:
-                asked = {"job": started["job"], "after": frame["number"]}
+                asked = {"job": started["job"], "after": frame["number"], **wanted}
                 frame = await call_in_thread(
-                    partial(client.call, "preview.frame", asked, timeout_s=ENGINE_S)
+                    partial(client.answer, see, asked, timeout_s=answer_s)
                 )
                 yield frame
         finally:

@@ -7,6 +7,7 @@ import { JobCard } from "./jobs.js";
 import { LiveCard } from "./live.js";
 import { begin, get, news, post } from "./server.js";
 import { PictureCard, listRuns } from "./shelf.js";
+import { StreamCard } from "./stream.js";
 
 const AGAIN_MS = 2000;
 
@@ -15,6 +16,7 @@ const jobs = new JobCard();
 const pictures = new PictureCard();
 const focus = new FocusCard();
 const live = new LiveCard();
+const stream = new StreamCard();
 let state = { here: false, visit: 0, status: null };
 let begun = false; // with what the address asked for
 let described = 0; // the visit of the daemon that the form was made from
@@ -36,6 +38,7 @@ function buttons() {
   const free = state.status?.state === "idle" || state.status?.running?.kind === "live";
   for (const id of ["start", "plan", "look", "focus"]) by(id).disabled = !ready || !free;
   by("live").disabled = !live.on && (!ready || !free);
+  by("stream").disabled = !stream.on && (!ready || !free);
   if (begin === "live" && !begun && !by("live").disabled) {
     begun = true;
     live.toggle();
@@ -173,6 +176,14 @@ by("cancel").addEventListener("click", () => {
 });
 by("focus").addEventListener("click", () => trying(() => post("calibrate", { steps: ["focus"], attended: true })));
 by("proceed").addEventListener("click", proceed);
+by("stream").addEventListener("click", async () => {
+  const request = stream.on ? {} : await trying(() => form.read(), by("stream-trouble"));
+  if (request) stream.toggle({ ...request, over: Number(by("stream-over").value) });
+});
+by("record").addEventListener("click", async () => {
+  await stream.record();
+  await runs();
+});
 by("live").addEventListener("click", () => live.toggle());
 
 runs();
