@@ -151,9 +151,7 @@ class Client:
         limit_s = self._timeout_s if timeout_s is None else timeout_s
         return self._answer(request_id, limit_s, on_event)
 
-    def answer(
-        self, method: str, params: Mapping[str, object], *, timeout_s: float | None
-    ) -> Any:
+    def answer(self, method: str, params: Mapping[str, object], *, timeout_s: float | None) -> Any:
         """As `call`, for as long as it takes where `timeout_s` is None."""
         return self._answer(self._send(method, params), timeout_s, None)
 

@@ -102,9 +102,10 @@ class Bench(ABC):
             result = self.take(request, arrays, on_event=on_event, report=True)
         return open_finished_run(result)
 
-    @abstractmethod
     def begin_stream(self, request: StreamRequest, arrays: Arrays = NONE) -> PictureStream:
-        """Begin a stream; `stream` is the same by keywords."""
+        """Begin a stream; `stream` is the same by keywords. Raises RequestError where the bench has
+        none."""
+        raise RequestError("this bench has no streams", hint="take captures, one after the other")
 
     def stream(
         self,

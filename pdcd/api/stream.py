@@ -73,7 +73,7 @@ class LivePicture:
 
     @property
     def sigma_kind(self) -> str:
-        """"measured": `sigma` has the error of the codes, by the newest photos; "sensor": it has
+        """ "measured": `sigma` has the error of the codes, by the newest photos; "sensor": it has
         not, as there are too few of them yet."""
         return self.told.sigma_kind
 

@@ -81,7 +81,9 @@ class CaptureRun:
         self._journal = Journal(job, folder, rig.clock, [], self._ledger)
         self._check = FrameCheck(config, self._camera, self._journal)
         keep = job.request.keep_raw or config.camera.keep
-        self._taker = ShotTaker(config, rig, worker, self._journal, self._check, keep, held, shown=shown)
+        self._taker = ShotTaker(
+            config, rig, worker, self._journal, self._check, keep, held, shown=shown
+        )
 
     @property
     def warnings(self) -> list[str]:

@@ -93,9 +93,9 @@ class ShotTaker:
             folder.write_frames(name, frames, log)
             self.journal.ledger.take(record)
         if self.shown is not None:
-            frames = {wanted.name: wanted.frames, **dict(wanted.beside)}
-            records = (first, *others)
-            self.shown |= {one.name: TakenShot(one, frames[one.name], log) for one in records}
+            shown = {wanted.name: wanted.frames, **dict(wanted.beside)}
+            for one in (first, *others):
+                self.shown[one.name] = TakenShot(one, shown[one.name], log)
         return (first, *others)
 
     def _warn(self, name: str, log: FrameLog, level: float | None, harm: str) -> None:
@@ -265,9 +265,7 @@ def make_shot_records(
     return (first, *others)
 
 
-def measure_code_level(
-    frames: Frames, log: FrameLog, row_hz: float
-) -> tuple[float | None, str]:
+def measure_code_level(frames: Frames, log: FrameLog, row_hz: float) -> tuple[float | None, str]:
     """Times that every code was shown over what was planned, None where that differs; and the
     same in words."""
     try:

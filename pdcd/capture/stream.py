@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from itertools import cycle
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,7 +32,7 @@ from pdcd.capture.worker.answers import PhotoOrder
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.rolling import RollingPicture, StreamPhoto, StreamPlan, StreamRound
 from pdcd.capture.worker.worker import Worker
-from pdcd.errors import Cancelled, DecodeError, PhotoError, SyncError
+from pdcd.errors import Cancelled, DecodeError, ExposureError, PhotoError, SyncError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import MAX_RAW_BYTES, read_file
 from pdcd.protocol.events import Event, ShutterClosed
@@ -161,33 +162,29 @@ class PictureMaker:
             found = self._worker.do(watch, Worker.see, given.photo, part, draw=draw)
             cause, made = (found, None) if isinstance(found, str) else ("", found)
         now_s, counter = time.monotonic(), self._counter
+        counter.in_row = counter.in_row + 1 if cause else 0
         if cause:
             self._worker.do(watch, Worker.miss, given.part)
             counter.lost += 1
-            counter.in_row += 1
         elif made is None:
             return
-        else:
-            counter.in_row = 0
         counter.number += 1
-        rate_hz = counter.count_rate(now_s) if made else 0.0
-        frame = StreamFrame(
+        told = StreamFrame(
             number=counter.number,
             t_mono_ns=time.monotonic_ns(),
             goal=self._goal,
             spoilt=cause,
             lost=counter.lost,
-            rate_hz=rate_hz,
             latency_s=max(0.0, now_s - given.closed_s),
             part=given.part,
             late=given.late,
-            **({} if made is None else _figures_of(made)),
         )
+        frame = told if made is None else _with_figures(told, made, counter.count_rate(now_s))
         if made is not None and self._begun_s is None:
             self._begun_s = now_s
         self._listener.tell(StreamedPicture(frame, {} if made is None else _arrays_of(made)))
         if counter.in_row >= _MOST_SPOILT:
-            raise SyncError(
+            raise ExposureError(
                 f"{counter.in_row} photos in a row were spoilt: {cause}",
                 hint="see what the panels and the camera do: pdcd doctor; or take a capture, which "
                 "keeps the photos that were spoilt",
@@ -199,15 +196,17 @@ def _arrays_of(made: RollingPicture) -> dict[str, NDArray[np.floating]]:
     return {name: getattr(made, name) for name in names}
 
 
-def _figures_of(made: RollingPicture) -> dict[str, object]:
-    return {
-        "over": made.over,
-        "rms_sigma": made.rms_sigma,
-        "sigma_kind": made.kind,
-        "unknown": made.unknown,
-        "jpeg": made.jpeg,
-        "size_px": made.size_px,
-    }
+def _with_figures(told: StreamFrame, made: RollingPicture, rate_hz: float) -> StreamFrame:
+    return msgspec.structs.replace(
+        told,
+        rate_hz=rate_hz,
+        over=made.over,
+        rms_sigma=made.rms_sigma,
+        sigma_kind=made.kind,
+        unknown=made.unknown,
+        jpeg=made.jpeg,
+        size_px=made.size_px,
+    )
 
 
 class StreamTaker:

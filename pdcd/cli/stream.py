@@ -8,7 +8,7 @@ import sys
 import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -25,6 +25,9 @@ from pdcd.cli.streams import write_stdout
 from pdcd.errors import ConfigError, DiskError, disk_errors
 from pdcd.protocol.fields import FieldError, convert_fields
 from pdcd.protocol.stream import StreamedPicture, StreamFrame, StreamRequest, to_stream_request
+
+if TYPE_CHECKING:
+    from cv2 import VideoWriter
 
 _LINE_S = 1.0
 """Time between two lines of figures where no terminal has them rewritten."""
@@ -129,16 +132,6 @@ def describe_stream_frame(frame: StreamFrame) -> str:
     )
 
 
-class _Writer(Protocol):
-    """Of a video, as OpenCV has it."""
-
-    def write(self, image: np.ndarray, /) -> None:
-        """Take one more picture."""
-
-    def release(self) -> None:
-        """Write the end."""
-
-
 class _Keeper:
     """Keeps the pictures: in a video as they are drawn, or each as a float TIFF in a folder."""
 
@@ -146,7 +139,7 @@ class _Keeper:
         """Raises DiskError for a folder that cannot be made."""
         self._out, self.video = out, out.suffix.lower() == _VIDEO
         self._waiting: list[np.ndarray] = []
-        self._writer: _Writer | None = None
+        self._writer: VideoWriter | None = None
         with disk_errors(str(out)):
             (out.parent if self.video else out).mkdir(parents=True, exist_ok=True)
 

@@ -128,9 +128,9 @@ preview  preview:show_live_view  see what the camera sees, with its focus, until
   @client
 stream  stream:show_stream  take photos again and again by one plan, until Ctrl-C
   usage                       [OPTIONS] GOAL
-  more                        Take photos again and again by one plan, until Ctrl-C, and say how good
-                              the newest picture is. Each photo takes the codes of the next part of a
-                              set; --codes are those of one photo.
+  more                        Take photos again and again by one plan, until Ctrl-C, and say how
+                              good the newest picture is. Each photo takes the codes of the next
+                              part of a set; --codes are those of one photo.
   @photo without=error,confidence,seconds,until_error,repeat,method,keep_raw,out
   @queue
   --over N=1                  how many of the newest photos make a picture

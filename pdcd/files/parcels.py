@@ -42,7 +42,7 @@ def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> tuple[int, dict[str, Plac
     try:
         os.ftruncate(fd, max(size, 1))
         for array, (_, _, offset) in zip(arrays.values(), places.values(), strict=True):
-            rest = memoryview(np.ascontiguousarray(array)).cast("B")
+            rest = np.ascontiguousarray(array).data.cast("B")
             while rest:
                 written = os.pwrite(fd, rest, offset)
                 rest, offset = rest[written:], offset + written

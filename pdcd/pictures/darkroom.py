@@ -265,9 +265,7 @@ class Darkroom:
     def dark_means(self, photo: DarkPhoto) -> DarkPhotoLight:
         """What got into a dark photo within a second, on cells."""
         if photo.raw not in self._dark:
-            self._dark[photo.raw] = DarkPhotoLight.of(
-                average_shot(self.ambient(photo), self.cells)
-            )
+            self._dark[photo.raw] = DarkPhotoLight.of(average_shot(self.ambient(photo), self.cells))
         return self._dark[photo.raw]
 
     def widest_strip(self, watch: Watch) -> float:
@@ -347,7 +345,7 @@ class Darkroom:
     def _strips(self) -> tuple[BorderStrips, ...]:
         """Where whole cells of both panels do not meet, as finely as the camera sees them."""
         panels = place_panels(self._record.projector, self._record.mask)
-        fine = min(max(1, math.ceil(self.cells.quad_cells ** -0.5 - 1e-6)), _MOST_STRETCHES)
+        fine = min(max(1, math.ceil(self.cells.quad_cells**-0.5 - 1e-6)), _MOST_STRETCHES)
         return find_strips(panels.projector, panels.mask, self._record.grid, fine)
 
     def _sums_up(self, shots: Mapping[str, RealisedShot]) -> bool:

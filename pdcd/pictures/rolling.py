@@ -32,7 +32,7 @@ from pdcd.pictures.sigma import (
     to_quad_errors,
 )
 from pdcd.pictures.to_cells import QuadSample, average_part, average_picture, choose_part_cells
-from pdcd.recipes.parts import FEWEST_PARTS, list_parts, select_parts
+from pdcd.recipes.parts import FEWEST_PARTS, select_parts
 from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.record import ShotRecord
 from pdcd.watch import Watch

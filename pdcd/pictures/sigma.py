@@ -228,7 +228,7 @@ def estimate_quad_shares(
     all_square = picked.sums(square, _NEIGHBOURS_PX)
     share = np.broadcast_to(all_square.sum(axis=0) / all_light.sum(axis=0), told.shape).copy()
     np.divide(all_square, all_light, out=share, where=told)
-    return np.maximum(share, 0.0).reshape(*picked.grid, -1)
+    return np.asarray(np.maximum(share, 0.0).reshape(*picked.grid, -1))
 
 
 def compute_neighbour_weight(weights: CellWeights, grid: tuple[int, int]) -> float:

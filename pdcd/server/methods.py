@@ -156,9 +156,7 @@ class Methods:
             clock=_clock(),
         )
 
-    async def handle(
-        self, caller: Caller, request: RpcRequest
-    ) -> msgspec.Struct | ReplyWithMemory:
+    async def handle(self, caller: Caller, request: RpcRequest) -> msgspec.Struct | ReplyWithMemory:
         """Do what is asked and return the result. Raises PdcdError."""
         self.permit(caller, request.method)
         self._permit_job(caller, request)

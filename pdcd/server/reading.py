@@ -58,9 +58,7 @@ class Service(Protocol):
         """Raise DeniedError for a method that this client may not call, whatever its parameters."""
         ...
 
-    async def handle(
-        self, caller: Caller, request: RpcRequest
-    ) -> msgspec.Struct | ReplyWithMemory:
+    async def handle(self, caller: Caller, request: RpcRequest) -> msgspec.Struct | ReplyWithMemory:
         """Do what is asked and return the result. Raises PdcdError."""
         ...
 

@@ -110,9 +110,7 @@ class DaemonQueries:
                 yield {"job": started["job"]}
             while True:
                 asked = {"job": started["job"], "after": frame["number"], **wanted}
-                frame = await call_in_thread(
-                    partial(client.answer, see, asked, timeout_s=answer_s)
-                )
+                frame = await call_in_thread(partial(client.answer, see, asked, timeout_s=answer_s))
                 yield frame
         finally:
             self._following -= 1

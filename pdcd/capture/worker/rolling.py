@@ -1,4 +1,4 @@
-"""A stream in the worker: the photos that a finished first set is renewed by, picture after picture.
+"""A stream in the worker: photos by which a finished first set is renewed, picture after picture.
 
 `StreamPlan` is what the owner of the devices takes, over and over. Each photo goes into the
 darkroom in the place of the one before; what it was is forgotten, so that memory stays level.
@@ -73,7 +73,8 @@ class RollingPicture:
     image, sigma : (rows, cols, C) float64, means over cells, as of `pdcd.api.run.Run`. picture,
     picture_sigma : (h, w, C), of the camera's own quads. kind : of sigma. rms_sigma : RMS of sigma
     over that of the picture, None where that is not known. over : parts that it is made of.
-    unknown : share of the quads of which nothing is known. jpeg, size_px : as it is drawn, where that was wanted.
+    unknown : share of the quads of which nothing is known. jpeg, size_px : as it is drawn, where
+    that was wanted.
     """
 
     image: Floats
@@ -188,13 +189,15 @@ class StreamCourse:
     ) -> tuple[bytes, tuple[int, int]]:
         """A picture for eyes, as bright as those before it."""
         white = float(np.quantile(cells.image.max(axis=-1), _BRIGHT)) or 1.0
-        self._white = white if self._white <= 0.0 else self._white + _FOLLOWS * (white - self._white)
+        self._white = (
+            white if self._white <= 0.0 else self._white + _FOLLOWS * (white - self._white)
+        )
         light = made.image.astype(np.float32)
         over = max(light.shape[:2]) / MOST_DRAWN_PX
         if over > 1.0:
             size = round(light.shape[1] / over), round(light.shape[0] / over)
             small = cv2.resize(np.ascontiguousarray(light), size, interpolation=cv2.INTER_AREA)
-            light = small.reshape(*small.shape[:2], -1)
+            light = np.asarray(small, np.float32).reshape(*small.shape[:2], -1)
         drawn = encode_gamma(light / np.float32(self._white))
         drawn = drawn[..., 0] if drawn.shape[2] == 1 else drawn
         return encode_jpeg(np.ascontiguousarray(drawn)), (drawn.shape[1], drawn.shape[0])

@@ -16,6 +16,7 @@ from collections.abc import Callable, MutableSequence
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from pdcd.arrays import Floats
 from pdcd.bench.tables import Config, RigConfig, ServerConfig
@@ -25,9 +26,11 @@ from pdcd.protocol.events import Emit, Progress, ShotArmed, ShutterClosed, Shutt
 from pdcd.protocol.plan_summary import PlanSummary, ShotSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
+from pdcd.protocol.stream import StreamedPicture, StreamFrame, StreamRequest
 from pdcd.protocol.views import LiveFrame, OwnerView, PreviewView, RigView
 from pdcd.recipes.arrays import Given
 from pdcd.runs.place import HeldFolder
+from pdcd.runs.recording import StreamListener
 from pdcd.server.daemon import run_daemon
 from pdcd.words import JobState
 
@@ -220,6 +223,37 @@ class FakeEngine:
             )  # fmt: skip
             time.sleep(0.002)
         self.lit = None
+        return CaptureResult(job=job, state="done" if over else "cancelled")
+
+    def stream(
+        self,
+        request: StreamRequest,
+        given: Given,
+        *,
+        job: str,
+        owner: OwnerView,
+        emit: Emit,
+        listener: StreamListener,
+    ) -> CaptureResult:
+        """Pictures of their own number; every tenth photo is spoilt, and its picture missing."""
+        self._note(f"stream {request.goal}")
+        number = 0
+        while not listener.cancelled() and (request.for_s is None or number < 20):
+            number += 1
+            if (order := listener.next_record()) is not None:
+                order.done(CaptureResult(job=order.job, state="done", folder="/nowhere"))
+            bad = number % 10 == 0
+            frame = StreamFrame(
+                number=number, t_mono_ns=time.monotonic_ns(), goal=request.goal,
+                spoilt="late" if bad else "", lost=number // 10,
+                jpeg=b"picture" if listener.draws() and not bad else b"",
+            )  # fmt: skip
+            arrays = {"image": np.full((2, 3, 1), float(number)), "sigma": np.ones((2, 3, 1))}
+            arrays |= {"picture": np.full((40, 60, 1), float(number), np.float32)}
+            arrays |= {"picture_sigma": np.ones((40, 60, 1), np.float32)}
+            listener.tell(StreamedPicture(frame, {} if bad else arrays))
+            time.sleep(0.002)
+        over = request.for_s is not None
         return CaptureResult(job=job, state="done" if over else "cancelled")
 
     def preview(
