@@ -164,7 +164,6 @@ class PictureMaker:
         now_s, counter = time.monotonic(), self._counter
         counter.in_row = counter.in_row + 1 if cause else 0
         if cause:
-            self._worker.do(watch, Worker.miss, given.part)
             counter.lost += 1
         elif made is None:
             return

@@ -79,15 +79,10 @@ class RollingPictures:
         """A shot was taken again; arguments as of `Darkroom.renew`. Raises DecodeError."""
         self._darkroom.renew(shot, frames, log)
 
-    def forget(self, part: int) -> None:
-        """The photo of a part was spoilt: the one before is no part of the newest any more."""
-        self._newest = [one for one in self._newest if one != part]
-
     def picture(self, part: int, alive: Callable[[], None]) -> PictureWithErrors:
         """The answer by the newest parts, of which `part` was photographed just now. Raises
         DecodeError."""
-        self.forget(part)
-        self._newest.append(part)
+        self._newest = [*(one for one in self._newest if one != part), part]
         chosen = self._newest[-self._over :]
         shots = self._shots()
         if len(chosen) >= FEWEST_PARTS:  # they tell their error themselves

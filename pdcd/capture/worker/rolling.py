@@ -168,10 +168,6 @@ class StreamCourse:
             size_px=size_px,
         )
 
-    def miss(self, part: int) -> None:
-        """A photo of that part was spoilt."""
-        self._rolling.forget(part)
-
     def keep(self, folder: Path) -> tuple[AdoptedPlan, Darkroom]:
         """Write the codes and the newest photo of each shot into a run folder, with all others that
         its record speaks of; what has to be kept of the plan, and who decodes it there. Raises

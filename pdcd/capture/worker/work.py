@@ -22,7 +22,6 @@ WORK: Mapping[str, _Task] = MappingProxyType(
         "report": Worker.report,
         "roll": Worker.roll,
         "see": Worker.see,
-        "miss": Worker.miss,
         "keep": Worker.keep,
         "forget": Worker.forget,
         "calibrate": Worker.calibrate,

@@ -202,10 +202,6 @@ class Worker:
         that is no good, which ends nothing."""
         return self._of_stream().see(watch, photo, part, draw=draw)
 
-    def miss(self, watch: Watch, part: int) -> None:
-        """A photo of that part of a stream was spoilt: the one before does not count any more."""
-        self._of_stream().miss(part)
-
     def keep(self, watch: Watch, folder: Path) -> tuple[AdoptedPlan, tuple[ShotRecord, ...]]:
         """Write codes and newest photos of a stream into a run folder, which `develop` makes the
         pictures of; the plan, and these photos. Raises NoSpaceError and DiskError."""

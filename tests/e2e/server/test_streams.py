@@ -36,7 +36,7 @@ def wait_until_let_go() -> None:
 
 def _is_memory(path: Path) -> bool:
     try:
-        return "pdcd-arrays" in os.readlink(path)
+        return "pdcd-arrays" in str(path.readlink())
     except OSError:
         return False
 
