@@ -128,7 +128,7 @@ class PictureStream(ABC):
         self.close()
 
     def __del__(self) -> None:
-        with suppress(Exception):
+        with suppress(AttributeError):  # one that did not begin
             self.close()
 
 

@@ -88,12 +88,20 @@ def run_stream(
         finally:
             safe = rig.make_safe()
             maker.end()
-            bench.worker.do(Watch(), Worker.forget)
+            _forget(bench.worker)
     if failure is None:
         result = CaptureResult(job=job, state="done", summary={"pictures": maker.count})
     else:
         result = make_failure(job, None, rig.clock.now_ns(), failure, safe=safe)
     return result if safe else mark_unsafe(result)
+
+
+def _forget(worker: WorkerProxy) -> None:
+    """Have the worker let go of the photos; where it cannot, the next job has it do so."""
+    try:
+        worker.do(Watch(), Worker.forget)
+    except PdcdError as err:
+        logger.warning("photos of a stream not forgotten error=%s", err)
 
 
 def _take_stream(

@@ -41,6 +41,9 @@ def make_set_request(request: StreamRequest) -> CaptureRequest:
         )
     pilot = request.pilot or 0
     codes = None if request.codes_from is not None else (request.codes or _CODES) * parts + pilot
+    exposure_s = None if request.exposure_s is None else request.exposure_s * parts
     same = {name: getattr(request, name) for name in CaptureRequest.__struct_fields__}
     asked = CaptureRequest(**same)
-    return msgspec.structs.replace(asked, codes=codes, parts=parts, pilot=pilot, keep_raw="none")
+    return msgspec.structs.replace(
+        asked, codes=codes, parts=parts, pilot=pilot, exposure_s=exposure_s, keep_raw="none"
+    )

@@ -20,7 +20,7 @@ MOST_DRAWN_PX = 800
 
 class StreamRequest(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What a stream takes, as `stream.start` and `pdcd stream` have it: the fields of a photo,
-    whose `codes` are those of one photo of the stream, and three of its own.
+    whose `codes` and `exposure_s` are those of one photo of the stream, and three of its own.
 
     `parts` are photos of a set, 4 where nobody says: each photo takes the codes of the next part,
     and from the last one on it begins again (`pdcd.planning.stream_set`).

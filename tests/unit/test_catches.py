@@ -18,6 +18,7 @@ ALL = {"Exception", "BaseException"}
 ALLOWED = {
     "drivers/virtual_camera/shutter.py::CameraShutter._collect": "a thread: the camera says so",
     "drivers/virtual_genicam/camera.py::VirtualGenicamCamera._end": "a thread: no frame comes",
+    "pdcd/api/stream.py::_Shared.run": "a thread hands it to whoever waits",
     "pdcd/api/task.py::take_capture": "a capture of a sweep: the others go on",
     "pdcd/bench/registry.py::_import": "a stranger's module, raised as a driver that is none",
     "pdcd/bench/registry.py::name_driver_errors": "a stranger's driver, raised as its device",
@@ -31,6 +32,9 @@ ALLOWED = {
     "pdcd/capture/live.py::run_live_view": "a job ends, and its result says by what",
     "pdcd/capture/live.py::_make_dark": "panels that do not go black are asked again",
     "pdcd/capture/live.py::FinderThread._run": "a thread hands it to whoever waits",
+    "pdcd/capture/stream.py::PictureMaker._run": "a thread hands it to whoever waits",
+    "pdcd/capture/streaming.py::run_stream": "a job ends, the daemon stays",
+    "pdcd/capture/streaming.py::_record": "a run was not made: the stream goes on",
     "pdcd/capture/run.py::CaptureRun._report": "the run is there; its report can be made again",
     "pdcd/capture/worker/process.py::_answer": "the work process's answer, raised in the daemon",
     "pdcd/pictures/decode.py::convert_record_errors": "a record that fits no files, raised as that",

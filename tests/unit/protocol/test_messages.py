@@ -112,10 +112,11 @@ def test_an_error_has_the_code_of_its_kind_or_the_one_that_is_asked_for() -> Non
         assert (made.data.kind, made.data.device, made.data.hint) == ("busy", "display", "wait")
 
 
-def test_roles_rise_and_only_captures_and_plans_take_descriptors() -> None:
+def test_roles_rise_and_only_wishes_for_photos_take_descriptors() -> None:
     assert [role.value for role in ClientRole] == [1, 2, 3]
     assert ClientRole.LOOK < ClientRole.SHOOT < ClientRole.ADMINISTER
-    assert {n for n, m in METHODS.items() if m.takes_fds} == {"capture.plan", "capture.start"}
+    takers = {n for n, m in METHODS.items() if m.takes_fds}
+    assert takers == {"capture.plan", "capture.start", "stream.start"}
     assert {m.role for m in METHODS.values()} == {ClientRole.LOOK, ClientRole.SHOOT}
     with pytest.raises(TypeError):
         METHODS["more"] = METHODS["ping"]  # type: ignore[index]

@@ -26,7 +26,7 @@ class Far:
         self.open = asyncio.Event()
         self.breaks: Exception | None = None
 
-    async def send(self, line: bytes) -> None:
+    async def send(self, line: bytes, fd: int | None = None) -> None:
         await self.open.wait()
         if self.breaks is not None:
             raise self.breaks

@@ -41,7 +41,7 @@ class Line:
         self.number, self.interest = number, interest
         self.got: list[tuple[dict[str, Any], bool]] = []
 
-    def send(self, line: bytes, *, droppable: bool = False) -> None:
+    def send(self, line: bytes, *, droppable: bool = False, fd: int | None = None) -> None:
         self.got.append((json.loads(line), droppable))
 
 

@@ -42,7 +42,7 @@ class Far:
         await asyncio.sleep(0)
         return ReceivedData(self.pieces.pop(0) if self.pieces else b"", [], False)
 
-    async def send(self, line: bytes) -> None:
+    async def send(self, line: bytes, fd: int | None = None) -> None:
         self.told.append(json.loads(line))
 
 
