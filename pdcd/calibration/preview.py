@@ -19,7 +19,7 @@ Draw = Callable[[Any], None]
 """Draws on a figure of matplotlib."""
 
 _INCHES, _DPI = (10.0, 6.5), 90
-_STYLE = {
+_STYLE: Any = {
     "axes.titlesize": 12,
     "axes.labelsize": 11,
     "xtick.labelsize": 10,

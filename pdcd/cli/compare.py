@@ -44,7 +44,8 @@ def compare(args: argparse.Namespace) -> int:
     without_mask = {
         name: path for name, path in files.items() if name not in ("prior", "codes_from")
     }
-    rows, results = [], []
+    rows: list[dict[str, Any]] = []
+    results: list[CaptureResult] = []
     for method in _COMPARED:
         result = capture_photo(
             args, _by_method(asked, method), files if method == "coded" else without_mask

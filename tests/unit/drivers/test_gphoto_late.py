@@ -86,7 +86,7 @@ def test_pictures_without_end_do_not_keep_a_photo_from_being_given_up(bench: Ben
         bench.clock.sleep_until_ns(bench.clock.now_ns() + 1000 * MS)
         get(*given)
 
-    bench.camera.file_get = slow  # type: ignore[method-assign]
+    bench.camera.file_get = slow  # type: ignore[method-assign, assignment]
     for number in range(1000):
         bench.camera.add(f"{number}.jpg", b"x")
     begun_ns = bench.clock.now_ns()
@@ -109,7 +109,7 @@ def test_a_camera_that_is_silent_is_asked_to_close_once_in_its_time(bench: Bench
 
     bench.camera.get_single_config = silent  # type: ignore[method-assign]
     patience = bench.session.patience
-    assert not make_safe(SimpleNamespace(black=lambda: None), bench.shutter, patience)  # type: ignore[arg-type]
+    assert not make_safe(SimpleNamespace(black=lambda: None), bench.shutter, patience)
     assert asked == 1 and bench.session.shutter_open
 
 
