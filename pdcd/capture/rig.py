@@ -33,7 +33,7 @@ from pdcd.bench.placed import find_place_faults
 from pdcd.bench.registry import load_driver, name_driver_errors
 from pdcd.bench.tables import Config
 from pdcd.capture.pulse import Pulse
-from pdcd.capture.safety import let_go, make_safe, make_safe_beside
+from pdcd.capture.safety import make_safe, make_safe_beside, release_device
 from pdcd.errors import (
     Cancelled,
     ConfigError,
@@ -287,7 +287,7 @@ class Rig:
         """Make safe, then release all devices; goes on past a device that fails."""
         self.make_safe()
         for device in (self.readout, self.shutter, self.display):
-            let_go(type(device).__name__, device.disconnect, self._context.patience)
+            release_device(type(device).__name__, device.disconnect, self._context.patience)
 
     def make_safe(self) -> bool:
         """Both panels black and the shutter closed; whether they are. See `pdcd.capture.safety`."""

@@ -14,7 +14,7 @@ from pdcd.errors import DeviceLost
 
 logger = logging.getLogger(__name__)
 
-_SAFE_TRIES, SAFE_S = 3, 10.0
+_SAFE_TRIES, MAKE_SAFE_S = 3, 10.0
 """How often a device that fails is asked to go black or to close before it is given up, and for how
 long in all: a job ends in time, whatever its devices do."""
 
@@ -50,7 +50,7 @@ def make_safe_beside(
     return safe == [True, True]
 
 
-def let_go(name: str, release: Callable[[], object], patience: Patience) -> None:
+def release_device(name: str, release: Callable[[], object], patience: Patience) -> None:
     """Release a device, in as much time, hearing no cancel; one that fails is logged."""
     try:
         with patience.deaf(), _in_time(name, patience):
@@ -75,6 +75,6 @@ def _insist(name: str, action: Callable[[], object], patience: Patience) -> bool
 
 def _in_time(name: str, patience: Patience) -> AbstractContextManager[None]:
     def over() -> DeviceLost:
-        return DeviceLost(f"took longer than {SAFE_S:g} s", device=name, hint="see the log")
+        return DeviceLost(f"took longer than {MAKE_SAFE_S:g} s", device=name, hint="see the log")
 
-    return patience.within(SAFE_S, over)
+    return patience.within(MAKE_SAFE_S, over)

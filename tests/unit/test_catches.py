@@ -26,7 +26,7 @@ ALLOWED = {
     "pdcd/capture/check.py::_Check._try": "a stranger's driver: the check tells what it found",
     "pdcd/capture/engine.py::Engine.capture": "a job ends, the daemon stays",
     "pdcd/capture/engine.py::Engine.calibrate": "a job ends, the daemon stays",
-    "pdcd/capture/rig.py::Rig.disconnect": "one device must not keep the others held",
+    "pdcd/capture/safety.py::release_device": "one device must not keep the others held",
     "pdcd/capture/safety.py::_insist": "one device must not keep the others from being safe",
     "pdcd/capture/rig.py::Rig.refusal": "a stranger's display that knows no pixels: it is told",
     "pdcd/capture/live.py::run_live_view": "a job ends, and its result says by what",

@@ -19,7 +19,7 @@ from msgspec import structs
 from pdcd.bench.devices import CameraSettings, RawFile
 from pdcd.bench.tables import CameraConfig, DisplayConfig, PanelConfig, RigConfig
 from pdcd.capture.rig import Rig, RigExposure
-from pdcd.capture.safety import SAFE_S
+from pdcd.capture.safety import MAKE_SAFE_S
 from pdcd.codes.make import make_codes
 from pdcd.errors import DeviceLost, ExposureError, SyncError
 from pdcd.panels.frames import Frames
@@ -145,7 +145,7 @@ def test_a_driver_that_waits_with_patience_is_released_in_time(
     before_ns = rig.clock.now_ns()
     rig.disconnect()
     assert released == ["display"]
-    assert rig.clock.now_ns() - before_ns < (SAFE_S + 1.0) * 1e9
+    assert rig.clock.now_ns() - before_ns < (MAKE_SAFE_S + 1.0) * 1e9
     monkeypatch.undo()
 
 
