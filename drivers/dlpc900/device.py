@@ -117,11 +117,19 @@ class DmdPanel:
         self.black()
         return len(plan)
 
-    def start(self, table: Sequence[TableEntry], *, shown: int | None, waits: bool = False) -> None:
-        """Show a table of loaded planes: so many entries of it in all (None: all over and over),
-        the first as soon as TRIG_IN_1 says so where it `waits`: until then it is black."""
+    def start(
+        self, table: Sequence[TableEntry], *, shown: int | None, delay_us: int | None = None
+    ) -> None:
+        """Show a table of loaded planes: so many entries of it in all (None: all over and over).
+
+        delay_us : of a sequence that waits for TRIG_IN_1 and is black until then: how long after
+        the edge it begins. None begins at once.
+        """
+        waits = delay_us is not None
         self._is_black = False
         self._stop()
+        if delay_us is not None:  # a sequence that runs takes no other
+            self.set_trigger_delay(delay_us)
         self._program(table, 0 if shown is None else shown, waits=waits)
         self._status = self._hardware()
         self._start()

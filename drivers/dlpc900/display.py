@@ -318,9 +318,8 @@ class Dlpc900Display:
         for side in (1, 0):  # the mask waits before the projector starts it
             panel, table = self._panels[side], self._table(sequence, side, block)
             waits = start == "trigger" or (start == "chain" and side == 1)
-            if waits:
-                panel.set_trigger_delay(self.least_us + leads_us[side])
-            panel.start(table, shown=len(table), waits=waits)
+            delay_us = self.least_us + leads_us[side] if waits else None
+            panel.start(table, shown=len(table), delay_us=delay_us)
             times[side] = clock.now_ns()
         if start == "trigger":
             self._armed = True
