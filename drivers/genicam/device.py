@@ -186,6 +186,7 @@ class GenicamDevice:
     def _set_up(self) -> None:
         camera, options = self._camera, self.options
         with report_errors("setting it up"):
+            self._try("AcquisitionStop", camera.stop)  # whoever had it before may have left it on
             for feature, word in _WORDS:
                 self._try(feature, partial(self._set_word, feature, word))
             for feature in _SWITCHES:

@@ -51,20 +51,18 @@ def _alone() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(autouse=True)
-def _timed_mock(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The mock's shutter closes by a clock that was set before, as the camera does: as planned and
-    a margin, in whole microseconds; and its photos are read out at once."""
-    planned: dict[str, float] = {}
+class TimedMockShutter(MockShutter):
+    """Closes by a clock that was set before, as the camera does: as planned and a margin, in whole
+    microseconds."""
 
-    def expect(_shutter: MockShutter, exposure_s: float, longest_s: float) -> None:
-        planned["s"] = exposure_s
+    def expect_exposure(self, exposure_s: float, longest_s: float) -> None:
+        self._planned_s = exposure_s
 
-    def close(shutter: MockShutter) -> int:
-        clock, bench = shutter._clock, shutter._bench
+    def close(self) -> int:
+        clock, bench = self._clock, self._bench
         if not bench.shutter_open or bench.open_ns is None:
             return clock.now_ns()
-        exposure_s = planned["s"]
+        exposure_s = self._planned_s
         if not bench.shared.moving:
             exposure_s += MARGIN_S + MARGIN * exposure_s
         over_ns = bench.open_ns + 1000 * int(1e6 * exposure_s)
@@ -72,8 +70,11 @@ def _timed_mock(monkeypatch: pytest.MonkeyPatch) -> None:
         bench.close_shutter(over_ns)
         return clock.now_ns()
 
-    monkeypatch.setattr(MockShutter, "expect_exposure", expect, raising=False)
-    monkeypatch.setattr(MockShutter, "close", close)
+
+@pytest.fixture(autouse=True)
+def _timed_mock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The mock camera has that shutter, and its photos are read out at once."""
+    monkeypatch.setattr("drivers.mock.MockShutter", TimedMockShutter)
     monkeypatch.setattr("drivers.mock.camera._READOUT_S", 0.0)
 
 
