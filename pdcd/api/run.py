@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pdcd.api.progress import ProgressChoice, show_progress
 from pdcd.arrays import Floats
-from pdcd.errors import DecodeError
+from pdcd.errors import ConfigError, DecodeError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file, read_file, refuse_unsound
 from pdcd.panels.lattice import Lattice
@@ -192,6 +192,25 @@ class Run:
     def frames(self) -> dict[str, NDArray[Any]]:
         """frames.csv by column: "shot" str, all others int64, an entry for each refresh."""
         return read_frame_columns(self.checked(FRAMES))
+
+    def raw(self, shot: str) -> NDArray[np.float32]:
+        """The RAW file of a shot in DN above black, (4, h, w) float32: red, the green beside it,
+        the green beside blue, and blue of each quad; (1, h, w) of a camera without colours.
+
+        shot : name of its file in `raw/`, without ending: "coded-1", "white", "look-dark" ...
+        Raises ConfigError where there is no such file, DecodeError where it was not kept.
+        """
+        from pdcd.sensor.raw import read_raw
+
+        names = {Path(name).stem: name for name in self.manifest.files if name.startswith("raw/")}
+        if shot not in names:
+            if any(Path(name).stem == shot for name in self.manifest.unkept):
+                self.manifest.require_photos()
+            raise ConfigError(f"there is no photo {shot!r}", hint=f"there are {', '.join(names)}")
+        record = self.manifest.files[names[shot]]
+        return read_raw(
+            self.checked(names[shot]), sha256=record.sha256, size_bytes=record.size_bytes
+        ).planes
 
     def row(self, row: int, column: int, photo: str | None = None) -> MatrixRow:
         """Weights of the paths from every projector cell to one camera cell, as wanted and as

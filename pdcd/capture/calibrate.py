@@ -219,11 +219,13 @@ class CalibrationRun:
                     doubted = True
             name = self.folder.set_aside(wanted.name, number)
             self._notify(events.ShotDiscarded(shot=wanted.name, name=name, cause=cause))
+        more = "rig.on_miss = 'flag' keeps photos in which nothing moves"
+        if self.config.rig.on_miss != "abort":
+            more = "of this photo none may be: leave its step out, as pdcd calibrate geometry does"
         raise SyncError(
             f"photo {wanted.name} was spoilt {number} times: {cause}",
             device="display",
-            hint="see that nothing else runs on this machine: pdcd timing; rig.on_miss = 'flag' "
-            "keeps photos in which nothing moves",
+            hint=f"see that nothing else runs on this machine: pdcd timing; {more}",
         )
 
     def _level(self, wanted: NextPhoto, done: RigExposure) -> float | None:

@@ -17,9 +17,8 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, quality_of, read_summary_value
 from pdcd.words import MethodName
 
-_COMPARED: tuple[MethodName, ...] = ("multi-image", "nayar", "coded")
-"""Ways of photographing that differ in more than how light is gathered. Those without a mask come
-first: they do fewer goals, and refuse the others before there is any light."""
+_COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")
+"""Ways of photographing that differ in more than how light is gathered."""
 
 
 _FIGURES = {
@@ -46,14 +45,16 @@ def compare(args: argparse.Namespace) -> int:
     }
     rows: list[dict[str, Any]] = []
     results: list[CaptureResult] = []
-    for method in _COMPARED:
+    # Those without a mask do fewer goals, and refuse the others before there is any light.
+    for method in (*_COMPARED[1:], _COMPARED[0]):
         result = capture_photo(
             args, _by_method(asked, method), files if method == "coded" else without_mask
         )
         if result.state != "done":
             return say_result(result, as_json=args.json)
-        rows.insert(0, _compared_row(method, result))
-        results.insert(0, result)
+        rows.append(_compared_row(method, result))
+        results.append(result)
+    rows, results = [*rows[-1:], *rows[:-1]], [*results[-1:], *results[:-1]]
     if args.json:
         say_json({"goal": asked.goal, "methods": rows})
     else:

@@ -24,7 +24,7 @@ quads_per_cell = 10
 """
 _CODES = 128
 """Unless others are asked for."""
-_START_S = 20.0
+_START_S = 60.0
 """Longest time the daemon may take to get ready on a slow machine."""
 
 

@@ -118,7 +118,8 @@ def _ask(question: str, ways: dict[str, str], proposed: str) -> str:
     for number, name in enumerate(names, 1):
         tell_user(f"  {number}  {ways[name]}{'' if name in ways[name] else f' ({name})'}")
     while True:
-        tell_user(f"[{proposed}]" if proposed else "?")
+        told = "type a number or a name" if names else "type it"
+        tell_user(f"{told}, or Return alone for {proposed}:" if proposed else f"{told}:")
         line = sys.stdin.readline()
         if not line:
             raise ConfigError("nobody answers", hint="say --yes to take what is proposed")

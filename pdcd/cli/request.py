@@ -6,6 +6,7 @@ One loop over the fields of `pdcd.protocol.fields`; nothing here knows one of th
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from collections.abc import Callable, Container, Sequence
 from pathlib import Path
@@ -108,7 +109,8 @@ def collect_array_files(args: argparse.Namespace) -> dict[str, Path]:
         given = getattr(args, name, None)
         if given is not None and field.is_file(given):
             found[name] = Path(given)
-            if field.about.worded and not (found[name].suffix or found[name].exists()):
+            there = found[name].suffix or os.path.exists(given)  # noqa: PTH110 - raises nothing
+            if field.about.worded and not there:
                 raise ConfigError(field.refusal(given, option_of(field)))
     return found
 

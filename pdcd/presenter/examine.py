@@ -225,7 +225,9 @@ def _opened(
     renderer = best.identity["renderer"]
     if desktop.is_software_renderer(renderer):
         state_: Literal["warning", "fault"] = "warning" if allowed else "fault"
-        hint = "install the graphics card's driver; for tests: allow_software = true"
+        hint = "install the graphics card's driver"
+        if not allowed:
+            hint += "; for tests: allow_software = true"
         yield Finding("renderer", state_, f"software: {renderer}", hint)
     else:
         yield Finding("renderer", "good", renderer)

@@ -58,6 +58,30 @@ def test_frames_are_those_of_the_table(folder: Path) -> None:
         assert [str(value) for value in column] == [line[name] for line in lines]
 
 
+def test_raw_files_are_what_another_reader_has_of_them(folder: Path) -> None:
+    rawpy, run = pytest.importorskip("rawpy"), pdcd.open(folder)
+    for shot in ("coded", "white"):
+        with rawpy.imread(str(folder / f"raw/{shot}.dng")) as other:
+            inside = np.s_[: other.sizes.crop_height, : other.sizes.crop_width]
+            mosaic = other.raw_image_visible[inside].astype(float)
+            colours = other.raw_colors_visible
+            for plane, (row, column) in zip(run.raw(shot), np.ndindex(2, 2), strict=True):
+                black = other.black_level_per_channel[colours[row, column]]
+                assert np.allclose(plane, mosaic[row::2, column::2] - black, atol=1e-3)
+    with pytest.raises(ConfigError, match=r"no photo 'coded-9' \(there are .*coded, .*white"):
+        run.raw("coded-9")
+
+
+def test_raw_files_that_were_not_kept_are_told_from_none(tmp_path: Path) -> None:
+    rig = config(tmp_path, schedule=ScheduleConfig(codes=8, window="whole"))
+    with pdcd.local(rig, folder=tmp_path / "runs") as bench:
+        run = bench.capture("indirect", parts=1, pilot=0, keep_raw="none", progress=False)
+    with pytest.raises(DecodeError, match="were not kept"):
+        run.raw("coded")
+    with pytest.raises(ConfigError, match="no photo"):
+        run.raw("no")
+
+
 def test_codes_are_what_the_panels_showed(folder: Path) -> None:
     """Eq. 5 over the codes alone, one path after the other, gives the realised row on a bench
     whose panels are ideal."""

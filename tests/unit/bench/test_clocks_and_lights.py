@@ -164,7 +164,7 @@ def test_tables_are_laid_over_others_key_by_key() -> None:
     assert faults[1].message == "t.inner.nmber: no such key; is number meant?"
     assert faults[3].message == "t.zzz: no such key; known are inner, word"
     assert merge_table(base, 3, "t", faults) == base
-    assert faults[-1] == ConfigFault(("t",), "t: must be a table, not 3")
+    assert faults[-1] == ConfigFault(("t",), "t: must be a table, not 3; write [t]")
 
 
 def test_notes_stand_behind_their_keys_and_tables() -> None:

@@ -26,9 +26,9 @@ def test_all_methods_are_asked_for_over_the_socket(monkeypatch: pytest.MonkeyPat
         main(["compare", "indirect", "--pilot", "4", "--black-level", "mask", "--seed", "3"]) == 0
     )
     asked = requests(daemon.asked)
-    assert [r.method for r in asked] == ["coded", "multi-image", "nayar"]
-    assert [r.pilot for r in asked] == [4, 0, 0]
-    assert [r.black_level for r in asked] == ["mask", "none", "none"]
+    assert [r.method for r in asked] == ["multi-image", "nayar", "coded"]
+    assert [r.pilot for r in asked] == [0, 0, 4]
+    assert [r.black_level for r in asked] == ["none", "none", "mask"]
     assert {r.seed for r in asked} == {3}
 
 
