@@ -45,6 +45,12 @@ RING = 65
 _DARK_S = 1e-3
 
 
+def say(text: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
 def make_config(folder: Path, *, served: bool, parts: int) -> Config:
     """A bench of two fast panels and a camera without colours: the mock's, or one over GigE."""
     panel = {"refresh_hz": ROW_HZ, "rise_s": 2e-6, "fall_s": 2e-6}
@@ -119,11 +125,11 @@ def serve_frames(path: Path) -> None:
     description = CameraDescription(*SIZE, (BY_NAME["Mono16"],), white=int(stored["white"]))
     camera = VirtualGenicamCamera(description, PlainLight(make), RealClock())
     camera.start()
-    print("ready", flush=True)
+    say("ready")
     sys.stdin.read()
     camera.stop()
     used = resource.getrusage(resource.RUSAGE_SELF)
-    print(used.ru_utime + used.ru_stime, count, flush=True)
+    say(f"{used.ru_utime + used.ru_stime} {count}")
 
 
 @contextmanager
@@ -177,7 +183,7 @@ class _Meter:
     def tell(self, streamed: StreamedPicture) -> None:
         self.lost = streamed.frame.lost
         if not streamed.arrays:
-            print("spoilt:", streamed.frame.spoilt)
+            say(f"spoilt: {streamed.frame.spoilt}")
             return
         self.latency_s.append(streamed.frame.latency_s)
         self.sigmas.append(streamed.frame.rms_sigma or np.nan)
@@ -193,28 +199,26 @@ class _Meter:
         assert self.begun is not None and self.ended is not None
         wall_s, own_s, worker_s = (b - a for a, b in zip(self.begun, self.ended, strict=True))
         latency = np.array(self.latency_s[8 : self.pictures + 8])
-        print(f"{self.pictures} pictures in {wall_s:.1f} s: {self.pictures / wall_s:.1f} a second")
-        print(
+        say(f"{self.pictures} pictures in {wall_s:.1f} s: {self.pictures / wall_s:.1f} a second")
+        say(
             f"latency: median {1e3 * np.median(latency):.0f} ms, "
             f"95 % {1e3 * np.quantile(latency, 0.95):.0f} ms, most {1e3 * latency.max():.0f} ms"
         )
         both = (own_s + worker_s) / self.pictures
-        print(
+        say(
             f"processor time a picture: rig {1e3 * own_s / self.pictures:.1f} ms, worker "
             f"{1e3 * worker_s / self.pictures:.1f} ms; at 15 a second {15.0 * both:.2f} of a core"
         )
-        print(f"camera and ring, in all: {camera_s:.1f} s")
-        print(
-            f"RMS sigma: {100.0 * np.nanmedian(self.sigmas[8:]):.2f} %; spoilt photos {self.lost}"
-        )
-        print("memory of rig and worker, MiB:",
-              ", ".join(f"{a / 1024:.0f}+{b / 1024:.0f}" for a, b in self.memory))  # fmt: skip
+        say(f"camera and ring, in all: {camera_s:.1f} s")
+        say(f"RMS sigma: {100.0 * np.nanmedian(self.sigmas[8:]):.2f} %; spoilt photos {self.lost}")
+        grown = ", ".join(f"{a / 1024:.0f}+{b / 1024:.0f}" for a, b in self.memory)
+        say(f"memory of rig and worker, MiB: {grown}")
 
 
 def measure(pictures: int, request: StreamRequest) -> None:
     """Render, serve, stream and report."""
     frames, first, black = render_frames(request)
-    print(f"{len(frames)} frames rendered, {first} before the loop")
+    say(f"{len(frames)} frames rendered, {first} before the loop")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frames.npz"
         np.savez(path, frames=np.stack(frames), first=first, white=65535)
@@ -229,7 +233,7 @@ def measure(pictures: int, request: StreamRequest) -> None:
             listener = StreamListener(meter.tell, lambda: meter.ended is not None)
             result = engine.stream(request, job=make_job_id(), listener=listener)
             engine.stop()
-            print(f"{result.state} after {time.monotonic() - begun_s:.1f} s", result.error or "")
+            say(f"{result.state} after {time.monotonic() - begun_s:.1f} s: {result.error}")
             told, _ = camera.communicate()
             meter.report(float(told.split()[0]))
 

@@ -140,7 +140,7 @@ class StreamCourse:
         """Put a photo in the place of the one before; what is wrong with it, in words. Raises
         DecodeError, and then all is as it was."""
         first = photo.shots[0]
-        told_s = self._course.shelf.read_head(first.raw, sha256=first.sha256).exposure_s
+        told_s = self._course.shelf.read_head(first.raw).exposure_s
         open_s = (first.close_ns - first.open_ns) * 1e-9
         doubt = describe_time_conflict(photo.planned_s, open_s, told_s)
         if not doubt:
