@@ -29,6 +29,7 @@ from drivers.virtual_genicam.description import CameraDescription
 from drivers.virtual_genicam.simulator import VIRTUAL_ADDRESS
 from pdcd.bench.clock import RealClock
 from pdcd.bench.config import from_config_tables
+from pdcd.bench.devices import RawFile
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
 from pdcd.protocol.result import make_job_id
@@ -88,6 +89,7 @@ def render_frames(request: StreamRequest) -> tuple[list[NDArray[np.uint16]], int
 
         def fetch(folder: Path, name: str, timeout_s: float) -> Any:
             raw = real(folder, name, timeout_s)
+            assert isinstance(raw, RawFile)
             frames.append(np.asarray(read_raw(raw.path).samples[0], np.uint16))
             return raw
 
