@@ -21,8 +21,9 @@ from drivers.virtual_camera import CameraBody, VirtualUsb
 from pdcd.bench.clock import RealClock
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.capture.engine import Engine
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.errors import PdcdError
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.server.daemon import serve_daemon
 from tests.fake_serial import Edge, FakeLine, fake_line
 

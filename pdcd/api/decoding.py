@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from pdcd.api.progress import EventListener
 from pdcd.capture.worker.answers import compute_rms_sigma
 from pdcd.errors import RequestError
-from pdcd.pictures.darkroom import Darkroom, DecodedRun
+from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import convert_record_errors
+from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.picture import PictureWithErrors
 from pdcd.protocol.events import DecodingProgress as Step
 from pdcd.runs.record import RunRecord

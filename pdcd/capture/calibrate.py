@@ -13,6 +13,7 @@ from pdcd.bench.measured import choose_calibration_folder
 from pdcd.bench.tables import Config
 from pdcd.calibration.script import UserPrompt
 from pdcd.calibration.steps import METER, order_steps
+from pdcd.capture.exposure import RigExposure
 from pdcd.capture.keeping import (
     CalibrationKeeper,
     PreviousCalibration,
@@ -20,7 +21,7 @@ from pdcd.capture.keeping import (
     find_reusable_steps,
     read_previous_calibration,
 )
-from pdcd.capture.rig import Rig, RigExposure
+from pdcd.capture.rig import Rig
 from pdcd.capture.worker.calibrating import CalibrationStart, NextPhoto, OperatorTask, StepResult
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker

@@ -26,13 +26,14 @@ from pdcd.capture.job import (
     mark_kept,
     mark_unsafe,
     mark_used,
+    to_job_error,
 )
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import CaptureRun
 from pdcd.capture.worker.answers import RigFacts
 from pdcd.capture.worker.proxy import InProcessWorker, WorkerProxy
 from pdcd.capture.worker.worker import Worker
-from pdcd.errors import Cancelled, DeviceLost, PdcdError, to_typed_error
+from pdcd.errors import Cancelled, DeviceLost
 from pdcd.panels.frames import Frames
 from pdcd.planning.bench_fit import with_grid
 from pdcd.planning.defaults import is_camera_needed, is_search_needed
@@ -51,7 +52,6 @@ from pdcd.sensor.profile import load_profile
 from pdcd.virtual.scene.build import CARD
 
 if TYPE_CHECKING:
-    from pdcd.capture.shots import TakenShot
     from pdcd.capture.worker.spawned import SpawnedWorker
     from pdcd.child import Child
     from pdcd.virtual.optics.bench import OpticalBench
@@ -73,16 +73,6 @@ def _at_once(text: str) -> None:
 def _never() -> bool:
     """Nobody cancels."""
     return False
-
-
-def _failure(err: BaseException, what: str, job: str) -> PdcdError:
-    """What a job ended by; a fault of the program is logged, and told as one. Raises interrupts."""
-    if isinstance(err, KeyboardInterrupt):
-        raise err
-    typed = to_typed_error(err)
-    if typed is not err:
-        logger.error("%s failed job=%s", what, job, exc_info=err)
-    return typed
 
 
 class Engine:
@@ -317,20 +307,13 @@ class Engine:
     ) -> CaptureResult:
         """Take photo after photo by one plan, and tell of each picture, until the listener ends it
         or its time is over; never raises for what goes wrong, and leaves the rig as `capture` does.
-
-        `emit` is told of its first set of photos, and of runs that are made of it.
-        """
+        `emit` is told of its first photos, and of runs that are made of it."""
         from pdcd.capture.streaming import StreamBench, run_stream  # no capture waits for it
 
-        def make_run(
-            order: EngineJob, folder: RunFolder, shown: dict[str, TakenShot] | None = None
-        ) -> CaptureRun:
-            notes = (*filter(None, [self._note]), *self._rig.display_warnings)
-            return CaptureRun(
-                self._config, self._rig, self._profile, self._worker, folder, order, notes, shown
-            )
-
-        bench = StreamBench(self._config, self._rig, self._worker, make_run, self.describe)
+        notes = (*filter(None, [self._note]), *self._rig.display_warnings)
+        bench = StreamBench(
+            self._config, self._rig, self._profile, self._worker, notes, self.describe
+        )
         return run_stream(bench, request, given, job, owner, emit, listener)
 
     def capture(
@@ -367,7 +350,7 @@ class Engine:
                 )
                 result = run.execute(self.describe())
             except BaseException as err:
-                failure = _failure(err, "capture", job)
+                failure = to_job_error(err, "capture", job)
             finally:
                 safe = self._rig.make_safe()
             if failure is not None:
@@ -417,7 +400,7 @@ class Engine:
                     if out is not None and run.ended_whole and folder.where is not None:
                         link_calibration(folder.where, self._calibrations)
             except BaseException as err:
-                failure = _failure(err, "calibration", job)
+                failure = to_job_error(err, "calibration", job)
             finally:
                 safe = rig.make_safe()
                 if rig is not self._rig:

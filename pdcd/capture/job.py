@@ -18,7 +18,7 @@ from pdcd.bench.devices import Clock
 from pdcd.bench.tables import Config
 from pdcd.capture.rig import Rig
 from pdcd.capture.worker.answers import DevelopedRun
-from pdcd.errors import Cancelled, PdcdError, to_error_fields
+from pdcd.errors import Cancelled, PdcdError, to_error_fields, to_typed_error
 from pdcd.protocol.events import DecodingProgress, Emit, Event, PlanningProgress, to_log_entry
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
@@ -369,3 +369,13 @@ def describe_rig(rig: Rig) -> RigView:
         camera=camera,
         scene=None if rig.scene is None else rig.scene.name,
     )
+
+
+def to_job_error(err: BaseException, what: str, job: str) -> PdcdError:
+    """What a job ended by; a fault of the program is logged, and told as one. Raises interrupts."""
+    if isinstance(err, KeyboardInterrupt):
+        raise err
+    typed = to_typed_error(err)
+    if typed is not err:
+        logger.error("%s failed job=%s", what, job, exc_info=err)
+    return typed

@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
@@ -32,6 +32,7 @@ from pdcd.bench.exposure_time import tell_exposure_time, with_exposure_times, wi
 from pdcd.bench.placed import find_place_faults
 from pdcd.bench.registry import load_driver, name_driver_errors
 from pdcd.bench.tables import Config
+from pdcd.capture.exposure import RigExposure, with_row_times
 from pdcd.capture.pulse import Pulse
 from pdcd.capture.safety import make_safe, make_safe_beside, release_device
 from pdcd.errors import (
@@ -65,24 +66,6 @@ _STEADY = 0.02
 
 _Progress = Callable[[int, int, int], None]
 _Stored = tuple[RawFile, Mapping[str, bytes]]
-
-
-@dataclass(frozen=True)
-class RigExposure:
-    """One finished exposure."""
-
-    open_ns: int
-    close_ns: int
-    log: FrameLog
-    raw: RawFile
-    settings: CameraSettings
-    held: Mapping[str, bytes] = field(default_factory=dict)
-    """What is in its RAW files, by their names, where these are in memory alone."""
-
-    @property
-    def open_s(self) -> float:
-        """How long the shutter was surely open, by the rig's clock."""
-        return (self.close_ns - self.open_ns) * 1e-9
 
 
 class Rig:
@@ -353,16 +336,7 @@ class Rig:
         """
         settle_ns = round(self.config.rig.settle_s * 1e9)
         settings = self._timed(settings, frames, moving)
-        loaded, black_ns = self._left if again else (None, None)
-        self._left = None, None
-        if loaded is not frames:
-            self.display.load(frames)
-        if black_ns is None:
-            self.display.black()
-            black_ns = self.clock.now_ns()
-        begun_ns = self.clock.now_ns()
-        self.readout.arm(settings)
-        self._arming_ns = self.clock.now_ns() - begun_ns
+        black_ns = self._prepare(frames, settings, again=again)
         notify(ShotArmed(shot=name, frames=len(frames)))
         tell_exposure_time(self.shutter, settings)
         self._context.patience.sleep_until_ns(black_ns + settle_ns)
@@ -381,7 +355,7 @@ class Rig:
         notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
         self._context.patience.sleep_until_ns(open_ns + settle_ns)
         try:
-            log = _with_row_times(self.display.play(progress, cancelled), self.display_info)
+            log = with_row_times(self.display.play(progress, cancelled), self.display_info)
         except SyncError:
             self._take_spoilt(open_ns, folder, name, notify, hold)
             raise
@@ -394,6 +368,20 @@ class Rig:
         raw, held = self._fetched(folder, name, hold)
         self._left = frames, int(log.end_ns.max())
         return RigExposure(open_ns, close_ns, log, raw, settings, held)
+
+    def _prepare(self, frames: Frames, settings: CameraSettings, *, again: bool) -> int:
+        """Load the frames, both panels black, the camera ready; since when panels are black."""
+        loaded, black_ns = self._left if again else (None, None)
+        self._left = None, None
+        if loaded is not frames:
+            self.display.load(frames)
+        if black_ns is None:
+            self.display.black()
+            black_ns = self.clock.now_ns()
+        begun_ns = self.clock.now_ns()
+        self.readout.arm(settings)
+        self._arming_ns = self.clock.now_ns() - begun_ns
+        return black_ns
 
     def _timed(
         self, settings: CameraSettings, frames: Frames, moving: ShutterTiming | None
@@ -417,7 +405,7 @@ class Rig:
         surely closed."""
         shared = self._context.shared
         try:
-            log = _with_row_times(self.display.play(mover, mover.over), self.display_info)
+            log = with_row_times(self.display.play(mover, mover.over), self.display_info)
         except Cancelled:
             if mover.failure is not None:
                 raise mover.failure from None
@@ -467,11 +455,3 @@ class Rig:
         self._photos.add(raw.sha256)
         self._readouts_ns.append(self._arming_ns + self.clock.now_ns() - closed_ns)
         return raw, held
-
-
-def _with_row_times(log: FrameLog, info: DisplayInfo | None) -> FrameLog:
-    """The log, with no dark times written out where the display could have had some: all logs of a
-    run tell of them, or none."""
-    if info is None or not info.row_times or log.dark_s is not None:
-        return log
-    return replace(log, dark_s=np.zeros(len(log)))

@@ -14,8 +14,9 @@ from pdcd.bench.devices import RawFile
 from pdcd.bench.exposure_time import describe_time_conflict, planned_open_s
 from pdcd.bench.tables import Config
 from pdcd.capture.bench_check import FrameCheck
+from pdcd.capture.exposure import RigExposure
 from pdcd.capture.job import Journal
-from pdcd.capture.rig import Rig, RigExposure
+from pdcd.capture.rig import Rig
 from pdcd.capture.worker.answers import AuxiliaryPhoto, PhotoOrder, PhotoOutcome, SpoiltPhoto
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker

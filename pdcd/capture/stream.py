@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 from pdcd.bench.devices import RawFile
 from pdcd.bench.exposure_time import planned_open_s
 from pdcd.bench.tables import Config
+from pdcd.capture.exposure import RigExposure
 from pdcd.capture.job import EngineJob
-from pdcd.capture.rig import Rig, RigExposure
+from pdcd.capture.rig import Rig
 from pdcd.capture.shots import TakenShot, make_shot_records, measure_code_level
 from pdcd.capture.worker.answers import PhotoOrder
 from pdcd.capture.worker.proxy import WorkerProxy

@@ -9,20 +9,19 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import msgspec
 
 from pdcd.bench.folders import find_state_dir
 from pdcd.bench.tables import Config
-from pdcd.capture.job import EngineJob, make_failure, mark_unsafe
+from pdcd.capture.job import EngineJob, make_failure, mark_unsafe, to_job_error
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import CaptureRun
 from pdcd.capture.shots import TakenShot
 from pdcd.capture.stream import PictureMaker, StreamTaker
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
-from pdcd.errors import PdcdError, disk_errors, to_typed_error
+from pdcd.errors import PdcdError, disk_errors
 from pdcd.planning.stream_set import make_set_request
 from pdcd.protocol.events import Emit
 from pdcd.protocol.result import CaptureResult
@@ -32,30 +31,30 @@ from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.place import HeldFolder
 from pdcd.runs.recording import RecordOrder, StreamListener
+from pdcd.sensor.profile import SensorProfile
 from pdcd.watch import Watch
 
 logger = logging.getLogger(__name__)
 
 
-class RunMaker(Protocol):
-    """Makes what takes a job through on the engine's rig."""
-
-    def __call__(
-        self, order: EngineJob, folder: RunFolder, shown: dict[str, TakenShot] | None = None
-    ) -> CaptureRun:
-        """shown : gets all shots by name."""
-        ...
-
-
 @dataclass(frozen=True)
 class StreamBench:
-    """What of an engine a stream uses."""
+    """What of an engine a stream uses. notes : what the user is to know of the bench."""
 
     config: Config
     rig: Rig
+    profile: SensorProfile
     worker: WorkerProxy
-    make_run: RunMaker
+    notes: tuple[str, ...]
     describe: Callable[[], RigView]
+
+    def make_run(
+        self, order: EngineJob, folder: RunFolder, shown: dict[str, TakenShot] | None = None
+    ) -> CaptureRun:
+        """What takes a job through on the rig. shown : gets all shots by name."""
+        return CaptureRun(
+            self.config, self.rig, self.profile, self.worker, folder, order, self.notes, shown
+        )
 
 
 def run_stream(
@@ -80,11 +79,7 @@ def run_stream(
             folder = held.enter_context(_scratch_folder(bench.config, job, held))
             _take_stream(bench, request, ordered, folder, maker, listener)
         except BaseException as err:
-            if isinstance(err, KeyboardInterrupt):
-                raise
-            failure = to_typed_error(err)
-            if failure is not err:
-                logger.error("stream failed job=%s", job, exc_info=err)
+            failure = to_job_error(err, "stream", job)
         finally:
             safe = rig.make_safe()
             maker.end()
@@ -156,10 +151,7 @@ def _record(
             folder = held.enter_context(RunFolder(place, order.job))
             return bench.make_run(wanted, folder).record(first, taken, view)
         except Exception as err:
-            typed = to_typed_error(err)
-            if typed is not err:
-                logger.error("no run was made of a stream job=%s", order.job, exc_info=err)
-            now_ns = bench.rig.clock.now_ns()
+            typed, now_ns = to_job_error(err, "record", order.job), bench.rig.clock.now_ns()
             return make_failure(order.job, folder, now_ns, typed, safe=True)
 
 

@@ -23,9 +23,9 @@ from pdcd.cli.batch_table import read_batch_table
 from pdcd.cli.daemon import connect_daemon, refuse_with_local
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import draw_table, say, say_json
-from pdcd.client import UnreachableError
 from pdcd.errors import ConfigError, disk_errors
 from pdcd.files.put import replace_file
+from pdcd.protocol.line_talk import UnreachableError
 
 _TABLE, _SUMMARY = "table.csv", "summary.txt"
 """Files that are written below `--out`: all that is known of each photo, and what is printed."""

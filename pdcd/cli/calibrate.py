@@ -38,9 +38,9 @@ from pdcd.cli.output import (
     say_table,
     say_text,
 )
-from pdcd.client import EventHandler
 from pdcd.errors import ConfigError
 from pdcd.protocol.events import Event, StepEnded
+from pdcd.protocol.line_talk import EventHandler
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.words import StepName

@@ -15,7 +15,7 @@ from pdcd.cli.daemon import connect_daemon, find_daemon, refuse_with_local
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say_json, say_result, say_table
 from pdcd.cli.request import collect_array_files, parse_request_options
-from pdcd.client import EventHandler
+from pdcd.protocol.line_talk import EventHandler
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult

@@ -14,9 +14,10 @@ import msgspec
 from pdcd.bench.config import load_config
 from pdcd.bench.folders import find_socket_path
 from pdcd.bench.tables import Config
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.errors import ConfigError
 from pdcd.files.text import encode_json
+from pdcd.protocol.line_talk import UnreachableError
 
 COMING_S = 3.0
 """How long a command waits for a daemon that was started just before."""

@@ -16,8 +16,9 @@ from pdcd.bench.config import load_config
 from pdcd.cli.daemon import find_daemon
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json, say_table
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.errors import BusyError, Cancelled, ConfigError
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.words import MovingName
 
 if TYPE_CHECKING:

@@ -15,8 +15,9 @@ from pdcd.bench.config import load_config
 from pdcd.bench.folders import find_socket_path, find_state_dir
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.errors import ConfigError
+from pdcd.protocol.line_talk import UnreachableError
 
 SERVE = (sys.executable, "-P", "-m", "pdcd", "serve")
 """The command; options follow."""

@@ -13,9 +13,9 @@ from pdcd.bench.folders import find_state_dir
 from pdcd.cli.daemon import connect_daemon, find_daemon_socket
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say
-from pdcd.client import UnreachableError
 from pdcd.errors import ConfigError
 from pdcd.extras import suggest_install
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.server import log
 
 

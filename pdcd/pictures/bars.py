@@ -57,10 +57,9 @@ if TYPE_CHECKING:
 
 _Photos = Callable[[Recipe, Mapping[str, ExposedShot], CellMap], dict[str, Picture]]
 """Scales and corrects the photos of a recipe."""
-
 _UNSURE_DIRECT = 0.5
-"""Share of the direct light that slow panels let through by which that may be more or less than the
-realised matrix says: 0.3 of 0.6 % before a stranger's fold, where rows are set last."""
+"""Share of the direct light that slow panels let through by which the realised matrix may be off:
+0.3 of 0.6 % before a stranger's fold, where rows are set last."""
 
 
 def make_pictures_with_errors(
@@ -120,22 +119,15 @@ def make_pictures_with_errors(
 
 
 def add_common_errors(
-    record: RunRecord,
-    recipe: Recipe,
-    shots: Mapping[str, ExposedShot],
-    scaled: Mapping[str, Picture],
-    bars: Mapping[str, PictureWithErrors],
-    by_codes: Mapping[str, Floats],
-    learned: PilotFindings | None,
-    cells: CellMap,
+    record: RunRecord, recipe: Recipe, shots: Mapping[str, ExposedShot],
+    scaled: Mapping[str, Picture], bars: Mapping[str, PictureWithErrors],
+    by_codes: Mapping[str, Floats], learned: PilotFindings | None, cells: CellMap,
     borders: BorderMeasurement | None,
-) -> dict[str, PictureWithErrors]:
-    """Pictures whose code error knows what all parts get wrong alike, as far as it is known, beside
-    what they differ by. Arguments as of `make_pictures_with_errors`; scaled : its photos; bars :
-    its pictures; by_codes : of `estimate_photo_quad_errors`."""
-    normalise = record.normalise
-    bars = with_beside_light(bars, recipe, shots, scaled, by_codes, learned, cells, normalise)
-    bars = _with_direct_light(bars, recipe, shots, scaled, cells, borders, normalise=normalise)
+) -> dict[str, PictureWithErrors]:  # fmt: skip
+    """Pictures, `bars` of photos `scaled`, that know what all parts get wrong alike, too."""
+    norm = record.normalise
+    bars = with_beside_light(bars, recipe, shots, scaled, by_codes, learned, cells, norm)
+    bars = _with_direct_light(bars, recipe, shots, scaled, cells, borders, normalise=norm)
     bars = _with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
     if record.panels is None:
         return bars
@@ -246,9 +238,8 @@ def add_part_errors(
 ) -> dict[str, PictureWithErrors]:
     """Pictures whose sigma is the sensor's, with the code error that their parts show.
 
-    parts : of `_part_images`. single : what quads err by beside their cell, or half of one, as of
-    `pdcd.pictures.sigma.estimate_photo_quad_errors`, where anything is known of it. over : how many
-    of the parts the pictures are of, None for all.
+    parts : of `_part_images`, of which the pictures are of `over`, None for all. single : of
+    `pdcd.pictures.sigma.estimate_photo_quad_errors`, where anything is known of it.
     """
     found, parted = {}, choose_part_cells(cells)
     for name, picture in pictures.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,31 +21,28 @@ from pdcd.errors import DecodeError
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import Patterns, make_empty_patterns
 from pdcd.pictures.bars import make_pictures_with_errors
-from pdcd.pictures.combine import compute_removed_share
+from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.exposed import AmbientLight, ExposedShot, RawShot, refuse_unlike
 from pdcd.pictures.leaks import DarkPhotoLight, ShotMeans
 from pdcd.pictures.learn import PilotFindings, learn_paths
-from pdcd.pictures.picture import PictureWithErrors
 from pdcd.pictures.software import sum_stack_matrices, sum_stack_shots
-from pdcd.pictures.to_cells import average_shot, average_with_errors, unmix_cells
-from pdcd.pictures.transport import TransportSlice, solve_transport_slice
+from pdcd.pictures.to_cells import average_shot, unmix_cells
 from pdcd.pictures.upright import FieldView, place_quads
-from pdcd.pictures.weights import RealisedMatrix, RealisedShot, sum_realised_matrices
+from pdcd.pictures.weights import RealisedMatrix, RealisedShot
 from pdcd.probing.borders import BorderStrips, compute_cell_mismatch_share, find_strips
-from pdcd.probing.deviation import Deviation, measure_deviation
 from pdcd.probing.realised import Factors, collect_factors, compute_bench_factors, divide_factors
 from pdcd.recipes.arrays import make_target
 from pdcd.recipes.make import make_recipe, narrow_to_shots
 from pdcd.recipes.parts import select_complete_parts
-from pdcd.recipes.recipe import Recipe, RecipePhoto, Shot
+from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import PhotoShelf, RawFrame, compute_colour_variance, to_colours
+from pdcd.sensor.raw import RawFrame, compute_colour_variance, to_colours
+from pdcd.sensor.shelf import PhotoShelf
 from pdcd.watch import Watch
-from pdcd.words import NormaliseName
 
 if TYPE_CHECKING:
     from pdcd.pictures.border_light import BorderMeasurement
@@ -58,65 +55,6 @@ _MOST_STRETCHES = 8
 """Stretches of a cell's border of which it is told, at most, how far panels draw it apart."""
 _MAKING = 2.0
 """Work of making pictures, over that of the matrices of all their refreshes; roughly."""
-
-
-@dataclass(frozen=True)
-class DecodedRun:
-    """All pictures of a run by name, the answer first, and the shots they were made from."""
-
-    recipe: Recipe
-    shots: dict[str, ExposedShot]
-    pictures: dict[str, PictureWithErrors]
-    """On the camera's own quads, (h, w, C)."""
-    cells: CellMap
-    view: FieldView
-    """How the camera saw the field, for pictures that are to be upright on it."""
-    sums: dict[str, ExposedShot] = field(default_factory=dict)
-    """Weighted sums of single photos, which the recipe's photos name like shots."""
-    apart: Mapping[str, float] = field(default_factory=dict)
-    """Share of the field in which the panels showed different cells, of shots of whole cells."""
-    side: int = 1
-    """Quads of the camera that one of the pictures is the mean of, each way."""
-
-    @property
-    def answer(self) -> PictureWithErrors:
-        """The picture that was asked for."""
-        return self.pictures[self.recipe.answer_name]
-
-    @cached_property
-    def transport(self) -> TransportSlice | None:
-        """Entries of T, where these were photographed. Raises DecodeError."""
-        if self.recipe.target.goal.name != "transport":
-            return None
-        return solve_transport_slice(self.recipe, self.shots, self.cells)
-
-    def takes_out(self, photo: RecipePhoto, normalise: NormaliseName) -> bool:
-        """Whether direct light was taken out of a photo: not where there was too much of it."""
-        shots = {**self.shots, **self.sums}
-        share = compute_removed_share(photo, self.recipe, shots, self.cells, normalise=normalise)
-        return share is not None
-
-    def apart_in(self, photo: RecipePhoto) -> float:
-        """Share of the field in which the panels showed different cells in all shots of a photo."""
-        return min(self.apart.get(name, 0.0) for _, name in photo.shots)
-
-    @cached_property
-    def cell_means(self) -> PictureWithErrors:
-        """The answer's means over the cells, (rows, cols, C)."""
-        return average_with_errors(self.answer, self.cells)
-
-    def deviations(self, alive: _Alive = lambda: None) -> dict[str, Deviation]:
-        """For each photo, its realised probing matrix against the wanted one.
-
-        `alive` is called now and then, and may raise to end the work.
-        """
-        shots = {**self.shots, **self.sums}
-        return {
-            p.name: measure_deviation(
-                sum_realised_matrices(p.shots, shots), p.wanted, alive, self.apart_in(p)
-            )
-            for p in self.recipe.photos
-        }
 
 
 class Darkroom:

@@ -14,7 +14,8 @@ import numpy as np
 from pdcd.errors import ConfigError, DecodeError, PdcdError, disk_errors
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file
-from pdcd.pictures.darkroom import Darkroom, DecodedRun
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.transport import TransportSlice, draw_transport_slice
 from pdcd.pictures.written.picture_files import write_png, write_tiff
 from pdcd.pictures.written.previews import write_previews

@@ -12,22 +12,20 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable
-from contextlib import suppress
 
 import msgspec
 
-from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError, restore_error
+from pdcd.errors import Cancelled, PdcdError, RequestError, restore_error
 from pdcd.protocol import events
 from pdcd.protocol.events import Event
 from pdcd.protocol.messages import LiveParams, ShowParams, ShowReply, to_wire_types
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
-from pdcd.protocol.result import CaptureResult, make_job_id
+from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.stream import StreamedPicture, StreamRequest
 from pdcd.protocol.views import LiveFrame, PreviewView
 from pdcd.recipes.arrays import Given
 from pdcd.runs.place import HeldFolder
-from pdcd.runs.recording import RecordOrder, StreamListener
 from pdcd.server.jobs import (
     ENDED,
     EngineLike,
@@ -38,6 +36,7 @@ from pdcd.server.jobs import (
     Owner,
     make_failed_result,
 )
+from pdcd.server.streams import make_stream_listener, order_record
 from pdcd.server.thinning import EventsToLoop
 from pdcd.server.worker import EngineThread
 from pdcd.words import JobKind
@@ -56,11 +55,6 @@ _PROCEED_LOOK_S = 0.1
 
 _ANEW_S = 0.1
 """Time until the jobs are seen to again after a fault of ours, in seconds."""
-
-_DRAWN_S = 2.0
-"""How long pictures of a stream are drawn after somebody asked for one."""
-_MOST_RECORDS = 4
-"""Runs of one stream that may wait to be made."""
 
 _BLACK_TRIES = 3
 """How often the panels are asked to go black after a show."""
@@ -165,30 +159,8 @@ class Runner:
 
         Raises RequestError for a job that is none, BusyError where enough runs are wanted already.
         """
-        loop, made = asyncio.get_running_loop(), asyncio.Event()
-        results: list[CaptureResult] = []
-
-        def done(result: CaptureResult) -> None:
-            results.append(result)
-            loop.call_soon_threadsafe(made.set)
-
         with place:
-            job = self._stream(name)
-            if job.state in ENDED:
-                raise RequestError(f"job {name} has ended", hint="record while it runs")
-            if len(job.records) >= _MOST_RECORDS:
-                raise BusyError(f"{len(job.records)} runs of job {name} are wanted already")
-            job.records.append(RecordOrder(make_job_id(), place, done))
-            ended = asyncio.create_task(job.ended.wait())
-            try:
-                await asyncio.wait(
-                    {ended, asyncio.create_task(made.wait())}, return_when=asyncio.FIRST_COMPLETED
-                )
-            finally:
-                ended.cancel()
-            if not results:
-                raise Cancelled("the stream ended before a run was made of it")
-            return results[0]
+            return await order_record(self._stream(name), place)
 
     def _stream(self, name: str) -> Job:
         job = self.table.get(name)
@@ -399,25 +371,13 @@ class Runner:
         emit: events.Emit,
         cancelled: Callable[[], bool],
     ) -> CaptureResult:
-        def next_record() -> RecordOrder | None:
-            cancelled()
-            with suppress(IndexError):
-                return job.records.popleft()
-            return None
-
-        listener = StreamListener(
-            tell=lambda frame: loop.call_soon_threadsafe(job.see, frame),
-            cancelled=cancelled,
-            draws=lambda: time.monotonic() - job.looked_s < _DRAWN_S,
-            next_record=next_record,
-        )
         return self._engine.stream(
             request,
             job.given,
             job=job.name,
             owner=job.owner.view(),
             emit=emit,
-            listener=listener,
+            listener=make_stream_listener(job, loop, cancelled),
         )
 
     def _photograph(

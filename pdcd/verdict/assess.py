@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 
-from pdcd.pictures.darkroom import DecodedRun
+from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.probing.deviation import Deviation
 from pdcd.protocol.result import Quality
 from pdcd.runs.record import RunRecord

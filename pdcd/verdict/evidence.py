@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
-from pdcd.pictures.darkroom import DecodedRun
+from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.picture import PictureWithErrors
 from pdcd.probing.deviation import Deviation

@@ -18,8 +18,9 @@ import msgspec
 import pdcd
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.planning.given import read_request_arrays
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.place import HeldFolder

@@ -9,8 +9,9 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.protocol.events import Progress
+from pdcd.protocol.line_talk import UnreachableError
 from tests.running_systemd.machine import PDCD, SLOW_S, Machine, wait_until
 
 STATE = "/var/lib/pdcd"

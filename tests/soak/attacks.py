@@ -14,8 +14,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from random import Random
 
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.errors import PdcdError
+from pdcd.protocol.line_talk import UnreachableError
 from tests.hostile import crowd, files
 from tests.hostile.requests import attacks
 from tests.soak import daemon as orders

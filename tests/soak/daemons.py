@@ -13,7 +13,8 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Any
 
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
+from pdcd.protocol.line_talk import UnreachableError
 from tests.places import ROOT
 from tests.soak import processes
 from tests.soak.benches import Bench

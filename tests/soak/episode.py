@@ -9,8 +9,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from random import Random
 
-from pdcd.client import UnreachableError
 from pdcd.errors import PdcdError
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.verify import verify_run

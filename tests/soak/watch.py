@@ -12,8 +12,9 @@ import sys
 import time
 from contextlib import suppress
 
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.errors import PdcdError
+from pdcd.protocol.line_talk import UnreachableError
 
 EVERY_S = 0.1
 

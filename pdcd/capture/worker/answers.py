@@ -13,7 +13,7 @@ from pdcd.bench.measured import find_scale
 from pdcd.bench.stops import Stop
 from pdcd.bench.tables import Config
 from pdcd.panels.frames import Frames
-from pdcd.pictures.darkroom import DecodedRun
+from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.picture import Picture
 from pdcd.pictures.transport import TransportSlice
 from pdcd.pictures.truth import compute_true_entries

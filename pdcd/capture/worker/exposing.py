@@ -41,7 +41,8 @@ from pdcd.planning.plan import ShotSequence
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import DarkPhoto, MeterRecord
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import PhotoShelf, RawFrame
+from pdcd.sensor.raw import RawFrame
+from pdcd.sensor.shelf import PhotoShelf
 
 _FIRST_F_NUMBER = 8.0
 """Aperture of the first test exposure."""

@@ -53,7 +53,7 @@ from pdcd.recipes.recipe import Shot
 from pdcd.runs.folder import write_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import PhotoShelf
+from pdcd.sensor.shelf import PhotoShelf
 from pdcd.watch import Watch
 
 _RUNNING = "preview/running.png"

@@ -30,8 +30,9 @@ from pdcd.errors import PdcdError
 from pdcd.pages.render import load_template
 from pdcd.pages.report.material import gather_material, is_cheap
 from pdcd.pages.report.write import TEMPLATE, write_gathered_report
-from pdcd.pictures.darkroom import Darkroom, DecodedRun
+from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import write_pictures
+from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.truth import KnownAnswer, find_known_answer, write_known_answer
 from pdcd.planning.defaults import is_search_needed
 from pdcd.planning.grey import list_grey_warnings

@@ -16,8 +16,8 @@ from pdcd.pages.report.layers import (
 )
 from pdcd.pages.report.timeline import make_light_budget, make_timeline
 from pdcd.pages.report.weights import MOST_WEIGHTS, pack_matrices
-from pdcd.pictures.darkroom import DecodedRun
 from pdcd.pictures.decode import TRANSPORT_PICTURE as PICTURE
+from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.truth import KnownAnswer
 from pdcd.runs.record import RunRecord
 

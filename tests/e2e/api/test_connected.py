@@ -17,8 +17,9 @@ import pdcd
 from pdcd.api.connected import DaemonBench
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.protocol.events import Event
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.server.daemon import serve_daemon
 from tests.bench_rig import GRID, config

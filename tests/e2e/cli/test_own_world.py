@@ -22,7 +22,8 @@ from pdcd.bench.config import find_config_file
 from pdcd.bench.folders import find_socket_path, find_state_dir
 from pdcd.bench.measured import apply_calibration
 from pdcd.bench.tables import Config
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
+from pdcd.protocol.line_talk import UnreachableError
 from tests import world
 from tests.places import ROOT
 from tests.unit.bench._calibrations import entry, record, written

@@ -15,8 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.protocol.entry import RunQuery
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from tests.places import ROOT
 from tests.tools import program

@@ -21,8 +21,9 @@ from drivers.virtual_camera import CameraBody, FaultScript, ScriptedFault, make_
 from pdcd.bench import config as settings
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
 from pdcd.capture.engine import Engine
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.protocol.events import Progress
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest

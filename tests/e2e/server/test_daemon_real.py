@@ -16,9 +16,10 @@ import pytest
 
 from pdcd.bench import config as settings
 from pdcd.bench.tables import CameraConfig, RigConfig
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.protocol.entry import RunQuery
 from pdcd.protocol.events import Progress
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
 from pdcd.runs.folder import read_manifest

@@ -14,9 +14,10 @@ from typing import Any
 
 import pytest
 
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.errors import BusyError, DeviceLost, PdcdError, ProtocolError, RequestError
 from pdcd.protocol.events import Event
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.messages import MAX_LINE, PROTOCOL
 from pdcd.protocol.request import CaptureRequest
 from tests.e2e.server._server_harness import threaded_daemon

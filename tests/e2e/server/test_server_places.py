@@ -18,8 +18,9 @@ import pytest
 
 from pdcd.bench.tables import LimitsConfig, ServerConfig
 from pdcd.cli.exits import BUSY, exit_code_of
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.errors import BusyError
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.server.connections import KEPT_PLACES
 from tests.e2e.server._server_harness import (
     PATIENCE_S,

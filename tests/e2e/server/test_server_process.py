@@ -21,8 +21,9 @@ from typing import Any
 import pytest
 
 from pdcd.bench.tables import Config, ServerConfig
-from pdcd.client import Client, UnreachableError
+from pdcd.client import Client
 from pdcd.errors import PdcdError
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.messages import METHODS
 from pdcd.protocol.request import CaptureRequest
 from pdcd.server.daemon import serve_daemon

@@ -18,7 +18,8 @@ from msgspec import structs
 
 from pdcd.bench.devices import CameraSettings, RawFile
 from pdcd.bench.tables import CameraConfig, DisplayConfig, PanelConfig, RigConfig
-from pdcd.capture.rig import Rig, RigExposure
+from pdcd.capture.exposure import RigExposure
+from pdcd.capture.rig import Rig
 from pdcd.capture.safety import MAKE_SAFE_S
 from pdcd.codes.make import make_codes
 from pdcd.errors import DeviceLost, ExposureError, SyncError

@@ -11,7 +11,7 @@ import pytest
 
 from pdcd.bench.devices import CameraSettings
 from pdcd.capture import shots
-from pdcd.capture.rig import RigExposure
+from pdcd.capture.exposure import RigExposure
 from pdcd.capture.shots import ShotTaker
 from pdcd.capture.worker.answers import PhotoOrder, SpoiltPhoto
 from pdcd.errors import ExposureError, PhotoError, SyncError

@@ -12,9 +12,9 @@ import pytest
 
 from pdcd import words
 from pdcd.bench.tables import Config
-from pdcd.client import EventHandler, UnreachableError
 from pdcd.errors import PdcdError
 from pdcd.protocol.events import Emit, Event, ShotArmed, decode_event
+from pdcd.protocol.line_talk import EventHandler, UnreachableError
 from pdcd.protocol.messages import ClockAnchor, JobView, Status
 from pdcd.protocol.plan_summary import PlanSummary, ShotSummary
 from pdcd.protocol.request import CaptureRequest

@@ -13,7 +13,6 @@ import pytest
 from pdcd import words
 from pdcd.cli import parser
 from pdcd.cli.main import main
-from pdcd.client import UnreachableError
 from pdcd.errors import (
     BusyError,
     Cancelled,
@@ -24,6 +23,7 @@ from pdcd.errors import (
     RequestError,
     SyncError,
 )
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from tests.unit.cli.cli_stubs import (

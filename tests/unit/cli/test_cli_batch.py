@@ -15,8 +15,8 @@ from pdcd.api.task import TaskRecord, make_failed_row, make_result_row
 from pdcd.cli import batch as module
 from pdcd.cli.batch_table import read_batch_table
 from pdcd.cli.main import main
-from pdcd.client import UnreachableError
 from pdcd.errors import ConfigError, DeviceLost, PdcdError, RequestError
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from tests.places import ROOT

@@ -16,9 +16,9 @@ from pdcd.bench.tables import Config
 from pdcd.child import Child
 from pdcd.cli.main import main
 from pdcd.cli.request import option_of
-from pdcd.client import UnreachableError
 from pdcd.errors import DeviceLost
 from pdcd.protocol.fields import list_request_fields
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.version import __version__

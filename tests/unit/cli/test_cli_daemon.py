@@ -12,7 +12,7 @@ import pytest
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.cli import daemon as module
 from pdcd.cli.main import main
-from pdcd.client import UnreachableError
+from pdcd.protocol.line_talk import UnreachableError
 from tests.unit.cli.cli_stubs import StubClient
 
 

@@ -17,7 +17,7 @@ from pdcd.bench.devices import Finding
 from pdcd.bench.tables import Config
 from pdcd.cli import panels as panels_cli
 from pdcd.cli.main import main
-from pdcd.client import UnreachableError
+from pdcd.protocol.line_talk import UnreachableError
 from tests.unit.cli.cli_stubs import JOB
 
 

@@ -14,9 +14,9 @@ import pytest
 
 from pdcd.cli import runs as runs_cli
 from pdcd.cli.main import main
-from pdcd.client import UnreachableError
 from pdcd.errors import DecodeError, RequestError
 from pdcd.protocol.entry import Page, RunEntry, RunQuery
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.runs.prune import UnwantedRun
 
 

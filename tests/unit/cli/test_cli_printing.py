@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from pdcd.cli.exits import DENIED, exit_code_of
 from pdcd.cli.main import main
-from pdcd.client import UnreachableError
 from pdcd.errors import DeviceLost
 from pdcd.printable import to_indented_lines, to_one_line
 from pdcd.protocol.events import Event, ShotArmed, decode_event
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import OwnerView
 from tests.places import ROOT

@@ -14,8 +14,8 @@ import pytest
 from pdcd.cli import demo as demo_cli
 from pdcd.cli import starting
 from pdcd.cli.main import main
-from pdcd.client import UnreachableError
 from pdcd.extras import suggest_install
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from tests.unit.cli.cli_stubs import JOB

@@ -14,9 +14,9 @@ import pytest
 from pdcd.cli import runs as runs_cli
 from pdcd.cli.main import main
 from pdcd.cli.runs import parse_moment
-from pdcd.client import UnreachableError
 from pdcd.errors import ConfigError
 from pdcd.protocol.entry import Page, RunQuery
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
 from pdcd.runs.elsewhere import list_noted_folders, note_folder

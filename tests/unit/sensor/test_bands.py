@@ -38,7 +38,7 @@ def test_an_error_in_a_band_is_raised() -> None:
         (1, [(0, 1)]),
         (64, [(0, 64)]),
         (65, [(0, 64), (64, 65)]),
-        (200, [(0, 64), (64, 128), (128, 192), (192, 200)]),
+        (200, [(0, 64), (64, 512), (512, 192), (192, 200)]),
         (0, []),
     ],
 )
@@ -51,12 +51,12 @@ def test_bands_of_64_rows_and_the_rest(rows: int, bands: list[tuple[int, int]]) 
 @pytest.mark.parametrize("more", [0, 1])
 def test_a_small_frame_is_worked_on_at_once_and_a_large_one_by_others(more: int) -> None:
     threads: set[int] = set()
-    run_in_bands(128 + more, lambda _: threads.add(threading.get_ident()))
+    run_in_bands(512 + more, lambda _: threads.add(threading.get_ident()))
     assert (threading.get_ident() in threads) is not more
     assert len(threads) <= 2
 
 
-@pytest.mark.parametrize("rows", [4, 128, 129])
+@pytest.mark.parametrize("rows", [4, 512, 513])
 def test_every_channel_is_worked_on_once(rows: int) -> None:
     seen, threads = [], set()
 
@@ -66,7 +66,7 @@ def test_every_channel_is_worked_on_once(rows: int) -> None:
 
     run_in_channels(np.empty((rows, 2, 5)), work)
     assert sorted(seen) == [0, 1, 2, 3, 4]
-    assert (threading.get_ident() in threads) is (rows <= 128)
+    assert (threading.get_ident() in threads) is (rows <= 512)
 
 
 @pytest.mark.parametrize("rows", [3, 200])

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from pdcd.client import UnreachableError
 from pdcd.errors import BusyError
 from pdcd.protocol import events
+from pdcd.protocol.line_talk import UnreachableError
 from pdcd.web import news as module
 from pdcd.web.asks import DaemonQueries
 from pdcd.web.news import News

@@ -19,7 +19,7 @@ from pdcd.errors import ConfigError
 from pdcd.planning.metering import MAX_TESTS
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import MeterRecord
-from pdcd.sensor.raw import PhotoShelf
+from pdcd.sensor.shelf import PhotoShelf
 
 SHA, SECOND = "a" * 64, "b" * 64
 SEQUENCE: Any = SimpleNamespace(

@@ -1,0 +1,37 @@
+"""What came of one exposure of a rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pdcd.bench.devices import CameraSettings, DisplayInfo, RawFile
+from pdcd.panels.frames import FrameLog
+
+
+@dataclass(frozen=True)
+class RigExposure:
+    """One finished exposure."""
+
+    open_ns: int
+    close_ns: int
+    log: FrameLog
+    raw: RawFile
+    settings: CameraSettings
+    held: Mapping[str, bytes] = field(default_factory=dict)
+    """What is in its RAW files, by their names, where these are in memory alone."""
+
+    @property
+    def open_s(self) -> float:
+        """How long the shutter was surely open, by the rig's clock."""
+        return (self.close_ns - self.open_ns) * 1e-9
+
+
+def with_row_times(log: FrameLog, info: DisplayInfo | None) -> FrameLog:
+    """The log, with no dark times written out where the display could have had some: all logs of a
+    run tell of them, or none."""
+    if info is None or not info.row_times or log.dark_s is not None:
+        return log
+    return replace(log, dark_s=np.zeros(len(log)))
