@@ -54,7 +54,7 @@ OWN = {
 """What else is opened to be read, and why it may be."""
 
 ENCODERS = {
-    "pdcd/client.py": "asks of a user: what is no text is refused",
+    "pdcd/protocol/line_talk.py": "asks of a user: what is no text is refused",
     "drivers/ptp/shutter.py": "options of the configuration, which is text",
     "drivers/gphoto/camera.py": "options of the configuration, which is text",
     "pdcd/runs/ledger.py": "around what is JSON already",
