@@ -28,7 +28,7 @@ _FIGURES = (
 )
 _SHARES = (
     ("rms_sigma", "RMS sigma"),
-    ("rms_error_quads", "RMS error of quads"),
+    ("rms_error_quads", "RMS error of pixels"),
     ("rms_error_cells", "RMS error of cells"),
 )
 

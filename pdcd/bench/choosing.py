@@ -165,7 +165,7 @@ def _other_frame(record: Calibration, config: Config) -> str:
     if seen is not None and config.scene.kind != "matrix":
         rows, cols = compute_mock_frame(config, config.code_grid())
         if (cols, rows) != tuple(seen):
-            return f"its camera has {seen[0]} x {seen[1]} quads, and this one {cols} x {rows}"
+            return f"its camera has {seen[0]} x {seen[1]} pixels, and this one {cols} x {rows}"
     return ""
 
 
@@ -203,7 +203,7 @@ def find_other_device(
         frames = seen.frame_quads, camera.frame_quads
         if None not in frames and frames[0] != frames[1]:
             sizes = (f"{f[0]} x {f[1]}" for f in frames if f is not None)
-            return "camera", "calibration {} is of photos of {} quads, not {}".format(name, *sizes)
+            return "camera", "calibration {} is of photos of {} pixels, not {}".format(name, *sizes)
     if display is None:
         return None
     for panel, before in (("projector", seen.projector), ("mask", seen.mask)):

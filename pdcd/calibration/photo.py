@@ -145,9 +145,9 @@ def check_blocks_in_frame(frame: tuple[int, ...], side: int = BLOCK_QUADS) -> tu
     rows, cols = frame[0] // side, frame[1] // side
     if not rows or not cols:
         raise CalibrationError(
-            f"a photo of {frame[1]} x {frame[0]} quads is too small",
+            f"a photo of {frame[1]} x {frame[0]} pixels is too small",
             device="camera",
-            hint=f"at least {side} x {side} quads are needed: {SMALL_FRAME_HINT}",
+            hint=f"at least {side} x {side} pixels are needed: {SMALL_FRAME_HINT}",
         )
     return rows, cols
 

@@ -70,7 +70,7 @@ class FrameCheck:
             told = self.camera.frame_quads
             if told is not None and told != head.frame[::-1]:
                 self.journal.warn(
-                    f"photos have {_size(head)} quads, not the {told[0]} x {told[1]} that were "
+                    f"photos have {_size(head)}, not the {told[0]} x {told[1]} that were "
                     "expected of this camera: is it set to full-size RAW?"
                 )
             self._check(head.frame)
@@ -82,7 +82,7 @@ class FrameCheck:
             return
         before, first = self._first
         for what, now, then in (
-            ("quads", _size(head), _size(first)),
+            ("size", _size(head), _size(first)),
             ("orientation", head.turned, first.turned),
             ("camera", head.model or "unnamed", first.model or "unnamed"),
         ):
@@ -165,11 +165,7 @@ def examine_frame(
         else:
             head, photo = read_raw_head(raw), read_raw(raw)
             frame = photo.frame
-            yield Finding(
-                "frame",
-                "good",
-                f"{_size(head)} {_UNITS[head.colours]}, of {head.model or raw.name}",
-            )
+            yield Finding("frame", "good", f"{_size(head)}, of {head.model or raw.name}")
             yield Finding("orientation", "good", f"{head.turned}; not followed, see [camera.place]")
             rows, columns = head.masked
             border = f"{rows} rows and {columns} columns beyond the picture"
@@ -180,7 +176,7 @@ def examine_frame(
         seen = f"{100.0 * fit.seen:.3g} % of {grid[0]} x {grid[1]} cells"
         yield Finding("field seen", "good", seen)
         low, high = fit.across
-        yield Finding("quads along a cell's side", "good", f"{low:.3g} to {high:.3g}")
+        yield Finding("pixels along a cell's side", "good", f"{low:.3g} to {high:.3g}")
         window = config.schedule.window
         check_frame_fit(fit, "whole" if window == "whole" else "quarter")
     except PdcdError as err:
@@ -199,7 +195,7 @@ def _examine_levels(photo: RawFrame) -> Iterator[Finding]:
 
 
 def _size(head: RawHead) -> str:
-    return f"{head.frame[1]} x {head.frame[0]}"
+    return f"{head.frame[1]} x {head.frame[0]} {_UNITS[head.colours]}"
 
 
 def find_calibration_doubts(config: Config, rig: Rig, iso: int) -> Iterator[str]:

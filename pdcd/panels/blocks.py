@@ -32,8 +32,8 @@ _MOST = 160
 _FEWEST = 16
 """Blocks along the shorter side without which a pattern has too little in it to be found again."""
 TOO_FEW = (
-    f"the camera has quads for fewer than {_FEWEST} blocks along a side of the field, "
-    f"{_QUADS:g} quads each"
+    f"the camera has pixels for fewer than {_FEWEST} blocks along a side of the field, "
+    f"{_QUADS:g} pixels each"
 )
 
 

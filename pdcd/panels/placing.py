@@ -118,7 +118,7 @@ def _given(given: str | Map, size_px: tuple[int, int], device: str) -> Map:
         raise ConfigError(
             f"the map is of a {device} of {wide} x {high} pixels, this one has "
             f"{size_px[0]} x {size_px[1]}"
-            + (", counted in Bayer quads" if device == "camera" else ""),
+            + (", counted in pixels of its pictures" if device == "camera" else ""),
             device=device,
             hint="calibrate the geometry anew",
         )

@@ -53,7 +53,7 @@ def check_frame_fit(fit: FrameFit, window: str) -> None:
 
     window : "quarter" or "whole", that of the codes.
     """
-    frame = f"the camera's frame of {fit.frame[1]} x {fit.frame[0]} quads"
+    frame = f"the camera's frame of {fit.frame[1]} x {fit.frame[0]} pixels"
     if fit.seen == 0.0:
         raise _unfit(f"{frame} does not see the field", "mend [camera.place], or point the camera")
     if fit.seen < _LEAST_SEEN:
@@ -68,7 +68,7 @@ def check_frame_fit(fit: FrameFit, window: str) -> None:
         return
     what = "its quarter windows" if window == "quarter" and fewest >= 1.0 else "single cells"
     raise _unfit(
-        f"{frame} has {fewest:.3g} quads along a cell's side, {needed:g} are needed: it does not "
+        f"{frame} has {fewest:.3g} pixels along a cell's side, {needed:g} are needed: it does not "
         f"resolve {what}",
         "take fewer cells (scene.grid), full-size RAW, or move the camera nearer",
     )

@@ -24,7 +24,7 @@ from pdcd.testing.promises import Promise
 from pdcd.testing.rigs import RigContract
 
 READOUT_SAYS = Promise(
-    "`connect` returns a CameraInfo: model, ISOs, electrons for red, green and blue",
+    "`connect` returns a CameraInfo: model, ISOs, electrons for each of its colours",
     "fill in what pdcd plans with; responsivity_e(context.config.camera) is what is known of light",
 )
 READOUT_ISO = Promise(
@@ -165,10 +165,10 @@ class ReadoutContract(RigContract):
             (frame.pattern or None) == info.cfa,
             f"a sensor of {frame.pattern}, and {info.cfa} in CameraInfo",
         )
-        size_quads = frame.samples.shape[2], frame.samples.shape[1]
+        size_px = frame.samples.shape[2], frame.samples.shape[1]
         READOUT_TOLD.require(
-            info.frame_quads in (None, size_quads),
-            f"{size_quads} quads, and {info.frame_quads} in CameraInfo",
+            info.frame_quads in (None, size_px),
+            f"{size_px} pixels, and {info.frame_quads} in CameraInfo",
         )
 
     def test_one_photo_for_each_exposure(self, rig: Rig, info: CameraInfo, tmp_path: Path) -> None:

@@ -227,7 +227,7 @@ def _settings(
         "iso by the file": str(told_iso or exposure.iso),
         "f_number": f"{f_number or 0.0:g}",
         "f_number by the file": f"{told_f or 0.0:.3g}",
-        "frame": f"{width} x {height} quads",
+        "frame": f"{width} x {height} pixels",
     }
 
 

@@ -285,7 +285,7 @@ def _told_apart(
         apart = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
         hint = "hold a flat matt card there, wholly lit, and see that nothing scales the picture"
         if apart < _TELLING_QUADS:
-            hint = f"they lie {apart:.1f} quads apart: let the field fill the camera's frame"
+            hint = f"they lie {apart:.1f} pixels apart: let the field fill the camera's frame"
         raise _untrusted(
             f"dots were found, but not which is which: they agree by {place.score:.0%} with the "
             f"{grid.panel}'s code",

@@ -296,7 +296,7 @@ def _refuse_coarse(frame: tuple[int, int], grid: DotGrid) -> None:
     across = max(frame[0] / grid.size_px[1], frame[1] / grid.size_px[0])
     if across * grid.radius_px < _LEAST_RADIUS_QUADS:
         raise CalibrationError(
-            f"a photo of {frame[1]} x {frame[0]} quads is too coarse for the {grid.panel}'s dots",
+            f"a photo of {frame[1]} x {frame[0]} pixels is too coarse for the {grid.panel}'s dots",
             device="camera",
             hint=SMALL_FRAME_HINT,
         )

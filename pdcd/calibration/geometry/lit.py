@@ -56,7 +56,7 @@ def find_panel_light(white: QuadPhoto, black: QuadPhoto, panel: str) -> Bools:
     share, snr = float(some.mean()), float(np.median((light / noise)[some]))
     if snr < _LEAST_SNR:
         raise _untrusted(
-            f"the {panel}'s light is too dim: {snr:.1f} times the noise of a quad",
+            f"the {panel}'s light is too dim: {snr:.1f} times the noise of a pixel",
             panel,
             "expose longer, open the lens, or raise the ISO",
         )
@@ -90,7 +90,7 @@ def _check_light(white: Floats, light: Floats, noise: Floats, panel: str) -> Non
         )
     if float(np.mean(light)) > LIT_SIGMAS * mean_noise:
         raise _untrusted(
-            f"the {panel}'s light is too dim to tell white from black in one quad",
+            f"the {panel}'s light is too dim to tell white from black in one pixel",
             panel,
             "expose longer, open the lens, or raise the ISO",
         )

@@ -315,5 +315,5 @@ def _draw(figure: Any, found: LightMeasurement, white: QuadPhoto) -> None:
     ):  # fmt: skip
         shown = axes.imshow(values, vmin=0.0, vmax=most, extent=(0, cols, rows, 0))
         figure.colorbar(shown, orientation="horizontal", label=unit)
-        label_plot(axes, title, "quads from the left", "quads from the top")
+        label_plot(axes, title, "pixels from the left", "pixels from the top")
         axes.grid(visible=False)

@@ -84,7 +84,7 @@ def measure_stripe_depth(photo: QuadPhoto, period_quads: float) -> StripeDepth:
     depths = StripeDepth(found[0], found[1])
     if not depths.number > max(_LEAST_DEPTH, _SURE * depths.number_sigma):
         raise CalibrationError(
-            f"no stripes of about {period_quads:.1f} quads are seen: their depth is "
+            f"no stripes of about {period_quads:.1f} pixels are seen: their depth is "
             f"{depths.number:.3f}",
             device="camera",
             hint="look whether the panel shows stripes, then turn the focus through its range",

@@ -180,6 +180,7 @@ class GreyResponse:
         """What to tell of it."""
         law = self.misfit <= _SMOOTH
         apart = max(self.channel_gammas) - min(self.channel_gammas)
+        of_colours = MeasuredFigure(f"{self.panel}.gamma_colours", apart, self.gamma_sigma, "")
         return (
             MeasuredFigure(
                 f"{self.panel}.gamma",
@@ -192,7 +193,7 @@ class GreyResponse:
             MeasuredFigure(
                 f"{self.panel}.gamma_misfit", self.misfit, float(self.sigma.max()), "of white"
             ),
-            MeasuredFigure(f"{self.panel}.gamma_colours", apart, self.gamma_sigma, ""),
+            *((of_colours,) if len(self.channel_gammas) > 1 else ()),
         )
 
 
@@ -264,7 +265,7 @@ def _ratios(photos: Mapping[str, QuadPhoto], strips: _Strips) -> tuple[Floats, F
         here = strips == strip
         if here.sum() < _LEAST_QUADS:
             raise CalibrationError(
-                f"strip {strip + 1} of {len(STRIP_LEVELS)} is seen by {int(here.sum())} quads",
+                f"strip {strip + 1} of {len(STRIP_LEVELS)} is seen by {int(here.sum())} pixels",
                 device="camera",
                 hint="calibrate the geometry again; see that nothing covers the field",
             )

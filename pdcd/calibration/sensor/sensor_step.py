@@ -166,7 +166,8 @@ def _draw(figure: Any, body: SensorMeasurement, plan: SensorPlan) -> None:
     axes = figure.subplots()
     for limit in (-1.0, 1.0):
         axes.axhline(limit, color=PLOT_GREY, label="limits" if limit > 0.0 else None)
-    for name, line, (colour, marker) in zip(body.names, body.lines, PLOT_CHANNELS, strict=False):
+    looks = PLOT_CHANNELS if len(body.lines) > 1 else (("black", "o"),)
+    for name, line, (colour, marker) in zip(body.names, body.lines, looks, strict=True):
         full = line.saturation_dn
         said = "not reached" if full is None else f"{full:.0f} DN above black"
         axes.plot(

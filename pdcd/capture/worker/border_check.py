@@ -36,7 +36,7 @@ def photograph_borders(
         if isinstance(taken, SpoiltPhoto):
             orders.note(
                 "no photo of the light along the borders of cells, which is worked out from the "
-                f"quads around and errs by more: {taken.message}"
+                f"pixels around and errs by more: {taken.message}"
             )
             return None
         orders.note(MeterRecord(raw=taken.raw, f_number=f_number, peak=None))

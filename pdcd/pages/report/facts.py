@@ -43,7 +43,7 @@ def _in(form: str) -> Callable[[Any], str]:
 _Column = tuple[str, str, Callable[[Any], str]]
 """Words, the name of a value, and how it is written."""
 _SUMMARY: tuple[_Column, ...] = (
-    ("error of quads against the known truth", "rms_error_quads", to_percent),
+    ("error of pixels against the known truth", "rms_error_quads", to_percent),
     ("error of means over cells", "rms_error_cells", to_percent),
     ("error expected (RMS sigma)", "rms_sigma", to_percent),
     ("error bars", "error_bars", str),
@@ -67,7 +67,7 @@ _BUDGET: tuple[_Column, ...] = (
     ("mask open", "open", to_percent),
     ("lit and seen", "lit", to_percent),
     ("other paths", "others", to_percent),
-    ("mean electrons (green)", "electrons", _in("{:.4g}")),
+    ("mean electrons", "electrons", _in("{:.4g}")),
     ("brightest, of full", "full", to_percent),
     ("saturated", "saturated", to_percent),
 )
@@ -121,6 +121,8 @@ def _budget(material: Material) -> ReportTable:
         "matrix, means over all cells. Lit and seen is what direct light gets, other paths what "
         "light between any two cells gets."
     )
+    if len(material.layers.balance) > 1:
+        note += " Electrons are those of green samples."
     if len(material.budget) == MOST_SHOTS < len(material.shots):
         note += f" These are the first {MOST_SHOTS} of {len(material.shots)} shots."
     rows = [[write(one[key]) for _, key, write in _BUDGET] for one in material.budget]

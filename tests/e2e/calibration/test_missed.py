@@ -77,7 +77,7 @@ def test_what_counts_refreshes_is_not(tmp_path: Path, on_miss: str, step: StepNa
 
 
 @pytest.mark.parametrize(
-    ("quads", "told"), [((16, 12), "16 x 12 quads is too small"), ((64, 48), "too coarse for")]
+    ("quads", "told"), [((16, 12), "16 x 12 pixels is too small"), ((64, 48), "too coarse for")]
 )
 def test_a_frame_that_is_too_small_for_a_later_step_is_told_of_before_the_first(
     tmp_path: Path, quads: tuple[int, int], told: str

@@ -64,7 +64,7 @@ def test_the_frame_of_a_450d(tmp_path: Path, capfd: pytest.CaptureFixture[str]) 
     assert code == 0
     assert found["frame"]["found"] == "2145 x 1428 quads, by the sensor profile"
     assert found["orientation"]["state"] == "unknown"
-    assert found["quads along a cell's side"]["found"] == "29.8 to 33.5"
+    assert found["pixels along a cell's side"]["found"] == "29.8 to 33.5"
     assert found["field seen"]["found"] == "100 % of 48 x 64 cells"
     photo = tmp_path / "photo.dng"
     samples = np.full((80, 120), 600, np.uint16)

@@ -194,7 +194,7 @@ def test_a_notebook_shows_it_and_runs_nothing_of_it(folder: Path) -> None:
     for data, _ in sources:
         picture = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
         assert picture is not None and picture.shape[1] == 320
-    assert "<td>RMS error of quads</td>" in shown and str(folder) in shown
+    assert "<td>RMS error of pixels</td>" in shown and str(folder) in shown
 
 
 def _shares(run: pdcd.Run, truth: NDArray[np.float64]) -> float:

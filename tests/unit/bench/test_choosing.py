@@ -188,7 +188,7 @@ def test_a_mock_bench_of_another_frame_is_another_one() -> None:
     """The map of its camera would fit no photo."""
     seen = msgspec.structs.replace(record().identity, frame_quads=(400, 267))
     assert describe_other_bench(record(identity=seen), Config()) == (
-        "its camera has 400 x 267 quads, and this one 64 x 48"
+        "its camera has 400 x 267 pixels, and this one 64 x 48"
     )
     assert "400 x 267" in describe_other_bench(record(identity=seen), Config(), named=True)
     fits = Config(camera=CameraConfig(frame_quads=(400, 267)))
@@ -208,7 +208,7 @@ def test_devices_that_are_open_may_be_others(tmp_path: Path) -> None:
     camera.frame_quads = (300, 200)
     seen = msgspec.structs.replace(record().identity, frame_quads=(600, 400))
     other = find_other_device(record(identity=seen), camera, None)
-    assert other == ("camera", "calibration cal is of photos of 600 x 400 quads, not 300 x 200")
+    assert other == ("camera", "calibration cal is of photos of 600 x 400 pixels, not 300 x 200")
 
 
 def test_rates_by_modes_count_for_more_than_measured_ones() -> None:

@@ -197,5 +197,5 @@ def test_strips_need_thirty_quads() -> None:
     strips[0, 3 * QUADS + 30 : 4 * QUADS] = NO_STRIP
     measure_grey_response(photos(gamma_of(2.2)), strips)
     strips[0, 3 * QUADS + 29] = NO_STRIP
-    with pytest.raises(CalibrationError, match="strip 4 of 17 is seen by 29 quads"):
+    with pytest.raises(CalibrationError, match="strip 4 of 17 is seen by 29 pixels"):
         measure_grey_response(photos(gamma_of(2.2)), strips)

@@ -58,7 +58,7 @@ def test_green_light_tells() -> None:
         (photo(0.0, room=0.0), photo(0.0, room=0.0, seed=1), "no light reaches", "camera"),
         (photo(0.0), photo(0.0, seed=1), "the mask looks the same white and black", "mask"),
         (photo(0.0, seed=1), photo(50.0), "the mask looks the same white and black", "mask"),
-        (photo(0.7), photo(0.0, seed=1), "too dim to tell white from black in one quad", "mask"),
+        (photo(0.7), photo(0.0, seed=1), "too dim to tell white from black in one pixel", "mask"),
         (photo(5.5), photo(0.0, seed=1), r"too dim: 3\.\d times the noise", "mask"),
         (corner(16), photo(0.0, seed=1), r"only 1\.6% of the photo is lit", "mask"),
         (photo(9.5), photo(0.0, seed=1), r"is 1\.1 times as strong as its own", "mask"),

@@ -179,7 +179,7 @@ def frame_check(
 @pytest.mark.parametrize(
     ("other", "words"),
     [
-        (head(4, 7), "raw/b is unlike raw/a: quads 7 x 4, not 6 x 4"),
+        (head(4, 7), "raw/b is unlike raw/a: size 7 x 4 quads, not 6 x 4 quads"),
         (head(turned="left"), "raw/b is unlike raw/a: orientation left, not upright"),
         (head(model=""), "raw/b is unlike raw/a: camera unnamed, not EOS"),
     ],
@@ -211,6 +211,9 @@ def test_a_camera_whose_photos_are_of_another_size_than_it_says_is_told_of(
     assert warned == []
     frame_check(warned, (4, 6)).saw("raw/a", head())
     assert len(warned) == 1 and warned[0].startswith("photos have 6 x 4 quads, not the 4 x 6 that")
+    grey: list[str] = []
+    frame_check(grey, (4, 6), colours=1).saw("raw/a", head(colours=1))
+    assert grey[0].startswith("photos have 6 x 4 pixels, not the 4 x 6 that")
     monkeypatch.setattr("pdcd.capture.bench_check.is_camera_turned", lambda _, flip: flip == 0)
     frame_check(warned).saw("raw/a", head())
     assert "held another way" in warned[1]

@@ -124,8 +124,8 @@ def test_a_map_is_taken_as_it_is_if_it_is_of_that_device(tmp_path: Path, stored:
         with pytest.raises(ConfigError) as caught:
             make_placed_map(place, size, PROJECTOR, "camera")
         assert caught.value.message == (
-            f"the map is of a camera of 10 x 5 pixels, this one has {counted}, counted in Bayer "
-            "quads"
+            f"the map is of a camera of 10 x 5 pixels, this one has {counted}, counted in "
+            "pixels of its pictures"
         )
         assert caught.value.device == "camera"
         assert caught.value.hint == "calibrate the geometry anew"

@@ -85,7 +85,7 @@ def test_what_is_just_enough(given: FrameFit, window: str) -> None:
         (fit(0.0), "whole", "does not see the field", "point the camera"),
         (fit(0.4999), "whole", "sees 50 % of the cells, less than 50 %", "move the camera back"),
         (fit(0.123), "quarter", "sees 12.3 % of the cells, less than 50 %", "a larger scale"),
-        (fit(fewest=1.99), "quarter", "has 1.99 quads along a cell's side, 2 are needed: it does "
+        (fit(fewest=1.99), "quarter", "has 1.99 pixels along a cell's side, 2 are needed: it does "
          "not resolve its quarter windows", "take fewer cells"),
         (fit(fewest=2.0 - 1.5e-6), "quarter", "2 are needed", "take fewer cells"),
         (fit(fewest=1.0), "quarter", "resolve its quarter windows", "take fewer cells"),
@@ -93,13 +93,13 @@ def test_what_is_just_enough(given: FrameFit, window: str) -> None:
         (fit(fewest=0.99), "whole", "1 are needed: it does not resolve single cells", "nearer"),
         (fit(fewest=1.0 - 1.5e-6), "whole", "resolve single cells", "take fewer cells"),
         (fit(fewest=0.99, aligned=True), "quarter", "resolve single cells", "take fewer cells"),
-        (fit(fewest=0.0), "whole", "has 0 quads", "take fewer cells"),
+        (fit(fewest=0.0), "whole", "has 0 pixels", "take fewer cells"),
     ],
 )  # fmt: skip
 def test_what_is_not_enough(given: FrameFit, window: str, says: str, hint: str) -> None:
     with pytest.raises(ConfigError) as caught:
         check_frame_fit(given, window)
-    assert caught.value.message.startswith("the camera's frame of 64 x 48 quads ")
+    assert caught.value.message.startswith("the camera's frame of 64 x 48 pixels ")
     assert says in caught.value.message and hint in (caught.value.hint or "")
     assert caught.value.device == "camera"
 

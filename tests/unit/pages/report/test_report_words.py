@@ -133,6 +133,8 @@ def test_the_head_says_whose_photo_it_is() -> None:
     [
         ({}, {"quads": 1.0}, "about one Bayer quad", "mean of"),
         ({}, {"quads": 6.25}, "the mean of 6.25 Bayer quads", "about one"),
+        ({}, {"balance": (1.0,)}, "about one of the camera", "Bayer"),
+        ({}, {"balance": (1.0,), "quads": 6.25}, "mean of 6.25 pixels of the camera", "Colours"),
         ({"mock": True}, {}, "truth of the virtual scene was not kept", "Left out"),
         ({"mock": False}, {}, "values have none", "truth of the virtual"),
         ({"mock": True}, {"data": [{"kind": "truth"}]}, "values have none", "truth of the virtual"),
