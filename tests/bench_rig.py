@@ -28,6 +28,7 @@ from pdcd.bench.tables import (
     ScheduleConfig,
     ServerConfig,
 )
+from pdcd.calibration.sensor.body import format_profile
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import Codes
@@ -40,6 +41,7 @@ from pdcd.probing.wanted import MatchPart, UniformPart, WantedMatrix
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
+from pdcd.sensor.profile import load_profile
 
 Floats = NDArray[np.float64]
 
@@ -69,6 +71,13 @@ def matrix_scene(folder: Path, grid: tuple[int, int] = GRID, ambient: float = 0.
     path = folder / "scene.npz"
     np.savez(path, transport=transport(grid), grid=np.array(grid))
     return SceneConfig(kind="matrix", path=str(path), ambient=ambient)
+
+
+def write_grey_profile(folder: Path) -> str:
+    """The profile of a sensor without colours whose samples are those of "modern"; its path."""
+    path = folder / "grey.toml"
+    path.write_text(format_profile(msgspec.structs.replace(load_profile("modern"), mono=True)))
+    return str(path)
 
 
 DEFECTS = {

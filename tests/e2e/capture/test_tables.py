@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+from pdcd.bench.tables import CameraConfig
 from pdcd.pictures.decode import decode_folder
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
@@ -140,10 +141,20 @@ def run(
     return made.image, made.summary, made.folder
 
 
-@pytest.mark.parametrize("row", CASES)
-def test_row_is_exact_with_more_codes_than_cells(row: str, tmp_path: Path) -> None:
+ROWS_OF_TABLES = [(row, 3) for row in CASES] + [
+    pytest.param(row, 1, marks=[pytest.mark.long] * (n % 4 > 0)) for n, row in enumerate(CASES)
+]
+
+
+@pytest.mark.parametrize(("row", "colours"), ROWS_OF_TABLES)
+def test_row_is_exact_with_more_codes_than_cells(row: str, colours: int, tmp_path: Path) -> None:
     fields, pi = CASES[row]
-    image, summary, folder = run(tmp_path, codes=64, **fields)
+    profile = bench_rig.write_grey_profile(tmp_path) if colours == 1 else "modern"
+    camera = CameraConfig(profile=profile, noise="none")
+    made = take(bench_rig.config(tmp_path, camera=camera), codes=64, **fields)
+    image, summary, folder = made.image, made.summary, made.folder
+    assert image.shape == (*GRID, colours)
+    assert made.quality.verdict == "good" and np.isfinite(made.probe["sigma"]).all()
     truth = (pi * bench_rig.transport()).sum(axis=1).reshape(*GRID, 1)
     scale = np.sqrt(np.mean((np.abs(pi) * bench_rig.transport()).sum(axis=1) ** 2))
     error = float(np.sqrt(np.mean((image - truth) ** 2)) / scale)
