@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -29,9 +29,10 @@ from pdcd.bench.tables import (
     ServerConfig,
 )
 from pdcd.bench.truth import BenchTruth, TrueCamera, TruePanel, TrueSensor
-from pdcd.figures.figure import FigureMode, FigureTake
+from pdcd.figures.figure import PAPER_PROFILE, FigureMode, FigureTake
 from pdcd.panels.map import to_map_matrix
 from pdcd.panels.placing import Placing
+from pdcd.sensor.profile import load_profile, responsivity_e
 
 PROJECTOR_PX, _MASK_PX = (1024, 768), (1600, 1200)
 _FILLED = 0.94
@@ -78,7 +79,7 @@ def make_figure_config(take: FigureTake, mode: FigureMode, folder: Path) -> Conf
             frame_quads=mode.quads,
             place=_camera(mode.quads, 0.0, (0.0, 0.0)),
             blur_quads=_BLUR_QUADS,
-            f_number=take.f_number or "auto",
+            f_number=_find_aperture(take.f_number, mode.profile),
         ),
         projector=PanelConfig(size_px=PROJECTOR_PX, **({} if take.perfect else _PROJECTOR)),
         mask=(
@@ -97,6 +98,18 @@ def make_figure_config(take: FigureTake, mode: FigureMode, folder: Path) -> Conf
         format_toml(msgspec.to_builtins(_truth(mode), builtin_types=TOML_TIME_TYPES), {})
     )
     return msgspec.structs.replace(config, bench=BenchConfig(truth=str(path)))
+
+
+def _find_aperture(f_number: float | None, profile: str) -> float | Literal["auto"]:
+    """The aperture that fills a sensor as much as the paper's is at that one; "auto" for none."""
+    if f_number is None:
+        return "auto"
+    fills = []
+    for body in (load_profile(profile), load_profile(PAPER_PROFILE)):
+        row = body.rows[0]
+        full_e = body.saturation_dn(row.iso) * row.gain_e_per_dn
+        fills.append(float(responsivity_e(CameraConfig(), body.colours).max()) / full_e)
+    return f_number * math.sqrt(fills[0] / fills[1])
 
 
 def _truth(mode: FigureMode) -> BenchTruth:

@@ -64,7 +64,7 @@ def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | BoundedNumber
 
 
 def measure_disk_contrast(image: Image) -> float:
-    """Share by which the middle of the disk is darker than its rim, green channel."""
+    """Share by which the middle of the disk is darker than its rim, in green or in grey."""
     middle, rim = (average_patch(image, at) for at in (_STAR, _WAX))
     return 1.0 - middle / rim
 

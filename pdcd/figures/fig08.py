@@ -72,7 +72,7 @@ def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | 
     taken = {by: [photos[f"1/{below}, {by}"] for below in _PRINTED] for by in CODERS}
     ours, papers = (read_points([white, *(one.image for one in taken[by])]) for by in CODERS)
     truth = read_points([photos["white"].truth, *(one.truth for one in taken["ours"])])
-    yield _plot(shares, ours, papers, truth)
+    yield _plot(shares, ours, papers, truth, "" if white.shape[2] == 1 else " (green)")
     for name, values in ours.items():
         slope, start = _line(shares, values)
         true_slope, true_start = _line(shares, truth[name])
@@ -94,7 +94,7 @@ def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | 
 
 
 def read_points(images: Sequence[Image]) -> dict[str, Any]:
-    """Brightness of both points in pictures, an array each, green channel."""
+    """Brightness of both points in pictures, an array each, of green or of grey."""
     return {
         name: np.array([average_patch(image, at) for image in images])
         for name, at in POINTS.items()
@@ -108,7 +108,7 @@ def _line(shares: Any, values: Any) -> tuple[float, float]:
 
 
 def _plot(
-    shares: Any, ours: dict[str, Any], papers: dict[str, Any], truth: dict[str, Any]
+    shares: Any, ours: dict[str, Any], papers: dict[str, Any], truth: dict[str, Any], of: str
 ) -> FigurePlot:
     lines = []
     for index, name in enumerate(POINTS):
@@ -124,7 +124,7 @@ def _plot(
         "points",
         "Two points of the scene (black dashes: the truth)",
         "share p of indirect light",
-        "brightness (green), scene units",
+        f"brightness{of}, scene units",
         "Lines go through the four coded photos; the square is the direct light that they foretell "
         "for p = 0. The wall hardly changes, the milk loses most of its light.",
         tuple(lines),

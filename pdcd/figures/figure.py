@@ -27,6 +27,10 @@ PRINTED = 4
 """Codes that the paper counts for each independent one: its four sub-shifts."""
 
 
+PAPER_PROFILE = "450d"
+"""Sensor of the paper's camera, an EOS 450D."""
+
+
 @dataclass(frozen=True)
 class FigureMode:
     """How finely figures are taken.
@@ -47,7 +51,7 @@ class FigureMode:
     quick: bool
     thrift: int = 1
     least_codes: int = 32
-    profile: str = "450d"
+    profile: str = PAPER_PROFILE
 
     @property
     def samples(self) -> tuple[int, int]:
@@ -66,7 +70,7 @@ class FigureMode:
 
 QUICK_MODE = FigureMode("quick", (30, 40), (336, 224), 320, True, thrift=4)
 FULL_MODE = FigureMode("full", (48, 64), (2145, 1428), 1280, False)
-"""The frame of the paper's camera, an EOS 450D."""
+"""The frame of the paper's camera."""
 TINY_MODE = FigureMode("tiny", (12, 16), (120, 80), 100, True, thrift=4, least_codes=16)
 """For tests, which look at numbers alone."""
 
@@ -79,7 +83,8 @@ class FigureTake:
     asked : fields of `CaptureRequest` beside `goal`; arrays as numpy arrays.
     off_axis : whether the camera stands off the projector's axis.
     perfect : panels that are aligned, quick and dark; the sensor is as noisy as ever.
-    f_number : of the lens; None: by test exposures, so that nothing saturates.
+    f_number : of the lens before the paper's sensor, and before another one that which fills it as
+        much; None: by test exposures, so that nothing saturates.
     all_codes : as many codes as asked for in every mode, where their number is the matter.
     bound : most RMS error that the answer may have against the known truth, as a share of its RMS;
         None where the truth of an answer is not known, or is no matter of the figure.

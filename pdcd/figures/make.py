@@ -208,8 +208,8 @@ def _make_figure(
         takes,
         photos,
         [one for one in shown if isinstance(one, BoundedNumber)],
+        mode,
         fingerprint=inputs,
-        mode=mode.name,
         rows=[_write_row(folder, f"{begin}-{k}", row) for k, row in enumerate(rows, 1)],
         plots=[
             _write(folder, f"{begin}-{plot.name}.png", draw_plot(plot), plot.caption)

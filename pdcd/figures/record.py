@@ -30,6 +30,7 @@ import msgspec
 import numpy as np
 
 from pdcd.figures.figure import (
+    PAPER_PROFILE,
     BoundedNumber,
     FigureMode,
     FigurePhoto,
@@ -51,13 +52,15 @@ def record_of(
     takes: Mapping[str, FigureTake],
     photos: Photos,
     numbers: list[BoundedNumber],
+    mode: FigureMode,
     **more: Any,
 ) -> PaperFigureRecord:
-    """The record of a figure; more : its other fields."""
-    captures = [capture_told(name, takes[name], photos[name]) for name in takes]
+    """The record of a figure made in a mode; more : its other fields."""
+    captures = [capture_told(name, takes[name], photos[name], mode) for name in takes]
     texts = ("number", "title", "see", "paper", "unlike")
     return {
         **{name: getattr(figure, name) for name in texts},
+        "mode": mode.name,
         **more,
         "numbers": msgspec.to_builtins(numbers),
         "captures": captures,
@@ -66,11 +69,19 @@ def record_of(
     }
 
 
-def capture_told(name: str, take: FigureTake, photo: FigurePhoto) -> dict[str, Any]:
+def capture_told(
+    name: str, take: FigureTake, photo: FigurePhoto, mode: FigureMode
+) -> dict[str, Any]:
     """A capture in figures. `error` is a share of the truth's RMS, of entries of T where these were
-    photographed; `held` is whether it is within its `bound`, where it has one."""
-    told = photo.summary
-    number = BoundedNumber("", _error(photo), most=take.bound)
+    photographed; `held` is whether it is within its `bound`, where it has one.
+
+    Bounds are stated with the noise of the paper's sensor in them. With another one, an error may
+    have as much more as that one's own noise is, by the error bars."""
+    told, bound = photo.summary, take.bound
+    noise = None if told.get("sigma_kind") == "measured" else told.get("rms_sigma")
+    if bound is not None and noise is not None and mode.profile != PAPER_PROFILE:
+        bound = math.hypot(bound, noise)
+    number = BoundedNumber("", _error(photo), most=bound)
     return {
         "name": name,
         "said": take.said,
@@ -81,8 +92,8 @@ def capture_told(name: str, take: FigureTake, photo: FigurePhoto) -> dict[str, A
         "exposures": _whole(told.get("shots")),
         "exposure_s": told.get("exposure_s"),
         "error": number.value,
-        "bound": take.bound,
-        "held": number.held or take.bound is None,
+        "bound": bound,
+        "held": number.held or bound is None,
     }
 
 

@@ -251,7 +251,7 @@ def test_bounds(value: float, least: float | None, most: float | None, held: boo
 )  # fmt: skip
 def test_a_capture_is_held_against_its_bound(bound: float | None, error: float, held: bool) -> None:
     photo = replace(PHOTO, errors={"indirect": error}, summary={"family": "none", "codes": 8})
-    found = capture_told("ours", replace(TAKE, bound=bound), photo)
+    found = capture_told("ours", replace(TAKE, bound=bound), photo, TINY_MODE)
     assert found["held"] is held and (found["error"] is None) == bool(np.isnan(error))
     told = [found[name] for name in ("name", "scene", "codes", "exposures", "family")]
     assert told == ["ours", "still-life", None, None, "none"]
@@ -262,8 +262,10 @@ def test_a_capture_of_entries_is_judged_by_these() -> None:
     entries = truth + 0.5
     entries[0, 0] = np.nan
     one = replace(PHOTO, transport=entries, transport_truth=truth)
-    assert capture_told("slice", TAKE, one)["error"] == pytest.approx(0.25)
-    assert capture_told("slice", TAKE, replace(one, transport_truth=None))["error"] is None
+    assert capture_told("slice", TAKE, one, TINY_MODE)["error"] == pytest.approx(0.25)
+    assert (
+        capture_told("slice", TAKE, replace(one, transport_truth=None), TINY_MODE)["error"] is None
+    )
 
 
 def test_all_figures_are_whole() -> None:
