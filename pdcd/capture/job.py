@@ -120,6 +120,11 @@ def list_run_warnings(
     for name, blown in developed.saturated.items():
         if blown:
             yield f"shot {name}: {blown} pixels are saturated"
+    if developed.dead:
+        yield (
+            f"{developed.dead} pixels of the camera stay dark beside lit ones, as dead ones do: "
+            "nothing is known there (infinite sigma)"
+        )
     yield from developed.warnings
     for name, exif in developed.exif.items():
         if doubts := cast("list[str]", exif.get("doubts", [])):
@@ -128,7 +133,7 @@ def list_run_warnings(
     if developed.blind > 0.0:
         yield (
             f"{100.0 * developed.blind:.2g} % of the cells are blind, without a pixel of a panel "
-            "or a quad of the camera: nothing is known there (infinite sigma)"
+            "or of the camera: nothing is known there (infinite sigma)"
         )
     if config.camera.responsivity_e is None and not mock:
         yield (

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.arrays import Floats
+from pdcd.arrays import Bools, Floats
 from pdcd.bench.placed import place_panels
 from pdcd.bench.stops import Stop, stop_of
 from pdcd.errors import DecodeError
@@ -40,6 +40,7 @@ from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
+from pdcd.sensor.dead import can_tell_samples, find_dead_samples
 from pdcd.sensor.raw import RawFrame, compute_colour_variance, to_colours
 from pdcd.sensor.shelf import PhotoShelf
 from pdcd.watch import Watch
@@ -71,11 +72,12 @@ class Darkroom:
         self._side = 1
         self._table = FrameTable(folder)
         self._matrices: dict[str, RealisedMatrix] = {}
-        self._exposed: dict[str, ExposedShot] = {}
+        self._exposed: dict[str, RawShot] = {}
         self._dark: dict[str, DarkPhotoLight] = {}
         self._learned: tuple[tuple[int, int, bool], PilotFindings] | None = None
         self._like: tuple[str, int] | None = None
         self._seen: tuple[object, tuple[BorderMeasurement | None, Floats | None]] | None = None
+        self._dead: Bools | None = None
         self.replan(record)
 
     @property
@@ -175,7 +177,10 @@ class Darkroom:
                 self._record, recipe, {**shots, **sums}, learned, cells, alive, *self.seen_light()
             )
         view = FieldView.of(self._record, cells)
-        return DecodedRun(recipe, shots, pictures, cells, view, sums, self._apart(), self._side)
+        dead = self._dead if self._side == 1 else None
+        return DecodedRun(
+            recipe, shots, pictures, cells, view, sums, self._apart(), self._side, dead
+        )
 
     def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, ExposedShot]]:
         """Shots and sums so far, and the recipe of the photos that they suffice for."""
@@ -352,6 +357,8 @@ class Darkroom:
 
     def _shots(self, watch: Watch) -> dict[str, ExposedShot]:
         unread = [shot for shot in self._record.shots if shot.name not in self._exposed]
+        if self._side > 1:  # dead quads have to be known before squares of them are made
+            unread.sort(key=lambda shot: not self._planned[shot.name].all_light)
         watch.expect(sum(map(_reading, unread)))
         # Files are unpacked by one core each, while another works on what the panels did.
         with ThreadPoolExecutor(THREADS) as pool:
@@ -373,10 +380,11 @@ class Darkroom:
             saturation_dn=self._record.profile.saturation_dn(shot.iso),
         )
 
-    def _develop(self, shot: ShotRecord, raw: RawFrame, shown: RealisedMatrix) -> ExposedShot:
+    def _develop(self, shot: ShotRecord, raw: RawFrame, shown: RealisedMatrix) -> RawShot:
         """A shot out of its RAW file, and what the panels did in it."""
         profile = self._record.profile
         self._check(shot, raw)
+        raw = self._without_dead(shot, raw)
         raw = raw if self._side == 1 else raw.binned(self._side)
         exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
         factors = self._to_units(shot.iso, shot.f_number) / (shot.level or 1.0)
@@ -384,6 +392,16 @@ class Darkroom:
         if shot.window == "whole":
             realised = replace(realised, apart=self._strips)
         return RawShot(raw, profile, shot.iso, exposure_s, factors, realised, shown.missed)
+
+    def _without_dead(self, shot: ShotRecord, raw: RawFrame) -> RawFrame:
+        """The same with dead quads as saturated ones, of which nothing is known; where a white shot
+        shows them only now, those before it, too."""
+        cells = self._record.cells if self._planned[shot.name].all_light else None
+        if self._dead is None and cells is not None and can_tell_samples(cells):
+            self._dead = find_dead_samples(raw, self._record.profile, shot.iso)
+            for name, one in self._exposed.items():
+                self._exposed[name] = replace(one, raw=one.raw.without(self._dead))
+        return raw if self._dead is None else raw.without(self._dead)
 
     def _check(self, shot: ShotRecord, raw: RawFrame) -> None:
         """Note what the first photo is like, and refuse others that are not. Raises DecodeError."""

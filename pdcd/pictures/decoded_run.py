@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from pdcd.arrays import Bools
 from pdcd.pictures.combine import compute_removed_share
 from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.picture import PictureWithErrors
@@ -38,6 +39,9 @@ class DecodedRun:
     """Share of the field in which the panels showed different cells, of shots of whole cells."""
     side: int = 1
     """Quads of the camera that one of the pictures is the mean of, each way."""
+    dead: Bools | None = None
+    """(h, w), quads that are dead by a white shot; all shots have them as saturated. None where
+    nobody could tell."""
 
     @property
     def answer(self) -> PictureWithErrors:

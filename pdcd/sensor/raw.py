@@ -47,6 +47,10 @@ _OF_COLOURS = {4: ((0,), (1, 2), (3,)), 1: ((0,),)}
 
 WHOLE_AXIS = slice(None)
 """All rows, or all columns."""
+_NEARLY_WHITE = 0.9
+"""Share of the white level from which samples may end below it."""
+_FEWEST_CLIPPED, _CLIPPED_TIMES = 16, 8
+"""Samples of the highest number, and times those of the next lower one, that no noise leaves."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,10 @@ class RawFrame:
         """The same of some rows and columns of quads."""
         black = self.black.astype(np.float32)[:, None, None]
         return np.subtract(self.samples[:, rows, columns], black, dtype=np.float32)
+
+    def without(self, quads: NDArray[np.bool_]) -> RawFrame:
+        """The same where these (h, w) tell nothing, either."""
+        return replace(self, saturated=self.saturated | quads)
 
     def binned(self, side: int) -> RawFrame:
         """The same with squares of `side` x `side` quads in the place of single ones: the mean of
@@ -195,7 +203,7 @@ def read_raw(
     data = _read_checked(path, sha256, size_bytes, data)
     with open_raw(data, path.name) as raw:
         mosaic = read_mosaic(raw)
-        frame = _frame(raw, mosaic, saturation_dn)
+        frame = _with_clipped_samples(_frame(raw, mosaic, saturation_dn))
         odd = _check_frame(raw, mosaic, frame)
         return replace(frame, doubts=(*frame.doubts, *odd)) if odd else frame
 
@@ -310,6 +318,21 @@ def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFra
         tagged=mosaic.tagged and not mosaic.masked,
         doubts=mosaic.doubts,
     )
+
+
+def _with_clipped_samples(frame: RawFrame) -> RawFrame:
+    """The same where samples end a little below the white level, as 12 bits that were shifted left
+    end at 65520: of these there are far more than of the number below, and they are saturated."""
+    most = frame.samples.max(initial=0)
+    if not _NEARLY_WHITE * frame.white <= most < frame.white:
+        return frame
+    clipped = frame.samples == most
+    next_lower = frame.samples.max(where=~clipped, initial=0)
+    least = _CLIPPED_TIMES * np.count_nonzero(frame.samples == next_lower)
+    if np.count_nonzero(clipped) < max(_FEWEST_CLIPPED, least):
+        return frame
+    said = f"samples end at {most:g}, below white {frame.white:g}: these are saturated"
+    return replace(frame.without(clipped.any(axis=0)), doubts=(*frame.doubts, said))
 
 
 def _check_frame(raw: RawInput, mosaic: Mosaic, frame: RawFrame) -> tuple[str, ...]:

@@ -100,6 +100,12 @@ class Cause(Enum):
         f"{{shots}}: {{conflict}} (limit the larger of {OFF_S:g} s and {to_percent(OFF_SHARE)}); "
         "see that nothing stops this program, that the camera stands at bulb, and look at the "
         "shutter's cable")
+    # Cameras stop a fifth below their highest number at most; one bit is a factor of 2. Either the
+    # profile or the file may be right.
+    LEVELS = VerdictRow(1.5, NEVER,
+        "photos go {reach:g} DN from black to white, {times:.3g} times as far as sensor profile "
+        "{profile} has it (limit {limit:g} times either way), by whose numbers electrons and noise "
+        "were worked out; name this camera's own in camera.profile, or run pdcd calibrate sensor")
 
     # Places of panels and camera, by light that follows codes, and by photos of blocks.
     # Misplaced panels have 0.5 to 1 of the light follow their codes, others up to 0.2.
@@ -131,7 +137,7 @@ class Cause(Enum):
         "{quarter_px:.3g} px; {mend}")
     CAMERA_PLACE = VerdictRow(0.5, NEVER,
         "what the camera sees {lies} [camera.place] says, and half a cell is {half_px:.3g} px: "
-        "quads count as seeing other cells than they do; {mend}")
+        "pixels count as seeing other cells than they do; {mend}")
     BESIDE_MASK = VerdictRow(0.06, NEVER,
         "{part} of the field lies beside the mask's picture, and nothing is known there: were it "
         "as bright as next to it, {figure} of the answer would be missing (limit {limit}); run "

@@ -9,6 +9,7 @@ import numpy as np
 from pdcd.arrays import Floats
 from pdcd.bench.exposure_time import describe_time_conflict
 from pdcd.runs.record import ShotRecord
+from pdcd.sensor.profile import SensorProfile
 from pdcd.verdict.causes import Cause, VerdictFinding, judge
 from pdcd.verdict.evidence import Evidence, list_evenly
 
@@ -30,11 +31,14 @@ def judge_shots(seen: Evidence) -> Iterator[VerdictFinding]:
     exif = {name: shot.exif.get("exposure_s") for name, shot in seen.decoded.shots.items()}
     told_s = {name: told for name, told in exif.items() if isinstance(told, float)}
     yield from judge_exposure_times(seen.records, told_s)
+    first = next(iter(seen.decoded.shots.values()), None)
+    yield from judge_levels({} if first is None else first.exif, seen.record.profile)
 
 
 def _saturated_share(seen: Evidence, name: str) -> float:
-    """Of the quads of the field in a shot."""
-    saturated = int(np.count_nonzero(seen.decoded.shots[name].saturated & seen.cells.known))
+    """Of the quads of the field in a shot; dead ones are none."""
+    where = seen.cells.known if seen.decoded.dead is None else seen.cells.known & ~seen.decoded.dead
+    saturated = int(np.count_nonzero(seen.decoded.shots[name].saturated & where))
     return saturated / max(int(np.count_nonzero(seen.cells.known)), 1)
 
 
@@ -145,6 +149,18 @@ def judge_exposure_times(
     conflict = found[0][1] if found else ""
     shots = [shot for shot, _ in found]
     return judge(Cause.EXPOSURE_TIMES, len(found), shots=_list_first(shots), conflict=conflict)
+
+
+def judge_levels(exif: Mapping[str, object], profile: SensorProfile) -> list[VerdictFinding]:
+    """Whether the numbers of a photo go as far as its sensor's profile has it; `exif` is what the
+    file says of itself."""
+    black, white = exif.get("black_dn"), exif.get("white_dn")
+    if not isinstance(black, list) or not isinstance(white, float):
+        return []
+    reach = white - float(np.mean(black))
+    times = reach / (profile.white_dn - profile.black_dn)
+    off = max(times, _over(1.0, times))
+    return judge(Cause.LEVELS, off, reach=reach, times=times, profile=profile.name)
 
 
 def _list_first(shots: Sequence[ShotRecord]) -> str:

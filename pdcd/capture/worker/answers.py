@@ -150,6 +150,7 @@ class DevelopedRun:
     decided : what was decided on the way where nobody had asked for it, in words.
     transport : figures of entries of T that were photographed, by name; none else.
     blind : share of the cells of which nothing is known: without a pixel of a panel, or a quad.
+    dead : dead pixels of the camera.
     """
 
     record: RunRecord
@@ -167,6 +168,7 @@ class DevelopedRun:
     transport: dict[str, float | int | None] = field(default_factory=dict)
     decided: tuple[str, ...] = ()
     blind: float = 0.0
+    dead: int = 0
 
 
 def make_run_record(
@@ -222,9 +224,11 @@ def make_developed_run(
     picture = decoded.answer
     known = picture.sigma[np.isfinite(picture.sigma)]
     deviations = decoded.deviations(alive)
+    dead = np.zeros((), np.bool_) if decoded.dead is None else decoded.dead
     return DevelopedRun(
         record=record,
-        saturated={name: int(s.saturated.sum()) for name, s in decoded.shots.items()},
+        saturated={name: int((s.saturated & ~dead).sum()) for name, s in decoded.shots.items()},
+        dead=int(dead.sum()),
         exif={name: shot.exif for name, shot in decoded.shots.items()},
         parts=len(list_parts(decoded.recipe)),
         rms_sigma=compute_rms_sigma(picture),

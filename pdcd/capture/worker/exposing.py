@@ -9,7 +9,7 @@ from typing import cast
 import msgspec
 import numpy as np
 
-from pdcd.arrays import Floats
+from pdcd.arrays import Bools, Floats
 from pdcd.bench.devices import CameraInfo, CameraSettings
 from pdcd.bench.placed import make_camera_map
 from pdcd.bench.stops import Stop, compute_light_sigma, stop_of
@@ -41,6 +41,7 @@ from pdcd.planning.plan import ShotSequence
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import DarkPhoto, MeterRecord
 from pdcd.sensor.cells import CellMap
+from pdcd.sensor.dead import can_tell_samples, find_stuck_samples
 from pdcd.sensor.raw import RawFrame
 from pdcd.sensor.shelf import PhotoShelf
 
@@ -123,6 +124,8 @@ class Exposer:
     apertures: dict[str, float] = field(default_factory=dict)
     stops: tuple[Stop, ...] = ()
     per_slot: float = 0.0
+    _alone: dict[float, Bools] = field(default_factory=dict, init=False)
+    """Samples that were saturated by themselves, by the f-number of the test."""
 
     def __post_init__(self) -> None:
         asked = self.facts.config.camera.f_number
@@ -198,7 +201,9 @@ class Exposer:
         frames, apertures = sequence.frames(pairs), self.camera.f_numbers
         for test in range(1, MAX_TESTS + 1):
             photo = yield from self._test(f"meter-{shot.name}-{test}", frames, f_number)
-            shares = [self._shares(*plane, ratio, saturation_dn) for plane in photo.planes]
+            shares = [
+                self._shares(*plane, f_number, ratio, saturation_dn) for plane in photo.planes
+            ]
             peak, expected = (max(values) for values in zip(*shares, strict=True))
             self.orders.note(MeterRecord(raw=photo.raw, f_number=f_number, peak=peak))
             if join and test == 1 and peak < USABLE[1]:
@@ -257,10 +262,11 @@ class Exposer:
         )
 
     def _shares(
-        self, raw: str, sha256: str, ratio: Floats, saturation_dn: float
+        self, raw: str, sha256: str, f_number: float, ratio: Floats, saturation_dn: float
     ) -> tuple[float, float]:
         """A test exposure: its brightest sample, and that of the real exposure at the same
-        aperture, as shares of saturation. Raises DecodeError."""
+        aperture, as shares of saturation. What is saturated by itself at any aperture is stuck, and
+        no light. Raises DecodeError."""
         frame = self._read(raw, sha256, saturation_dn)
         config = self.facts.config
         cells = CellMap(
@@ -269,9 +275,16 @@ class Exposer:
             map=make_camera_map(config, frame.frame),
             blur_quads=config.camera.blur_quads,
         )
+        planes, saturated = frame.planes, frame.saturated
+        if saturated.any() and can_tell_samples(cells):
+            alone = find_stuck_samples(frame, saturation_dn)
+            others = [found for other, found in self._alone.items() if other != f_number]
+            stuck = alone & np.logical_or.reduce([np.zeros_like(alone), *others])
+            self._alone[f_number] = alone
+            planes, saturated = np.where(stuck, np.float32(0.0), planes), saturated & ~stuck
         return (
-            measure_peak_share(frame.planes, frame.saturated, saturation_dn),
-            predict_peak_share(frame.planes, ratio, saturation_dn, cells),
+            measure_peak_share(planes, saturated, saturation_dn),
+            predict_peak_share(planes, ratio, saturation_dn, cells),
         )
 
     def _read(self, raw: str, sha256: str, saturation_dn: float) -> RawFrame:

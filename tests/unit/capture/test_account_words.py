@@ -75,7 +75,7 @@ def test_what_the_user_must_know_of_a_finished_run(
 ) -> None:
     exif = {"a": {}, "b": {"doubts": ["black is odd"]}, "c": {"doubts": ["black is odder"]}}
     developed: Any = SimpleNamespace(
-        saturated={"a": 0, "b": 3}, warnings=("dim",), blind=0.0, exif=exif
+        saturated={"a": 0, "b": 3}, warnings=("dim",), blind=0.0, exif=exif, dead=0
     )
     config: Any = SimpleNamespace(camera=SimpleNamespace(responsivity_e=(1.0,) if known else None))
     profile: Any = SimpleNamespace(estimated=estimated, name="eos")
@@ -87,6 +87,9 @@ def test_what_the_user_must_know_of_a_finished_run(
     )
     assert ("sensor profile eos is an estimate" in rest) is estimated
     assert len(rest) == (not known and not mock) + estimated
+    developed.dead = 7
+    (more,) = set(list_run_warnings(developed, config, profile, mock=mock)) - set(found)
+    assert more.startswith("7 pixels of the camera stay dark beside lit ones")
 
 
 def shot(open_ns: int, close_ns: int, refreshes: int, missed: int) -> Any:

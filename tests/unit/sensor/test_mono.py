@@ -138,6 +138,20 @@ def test_saturated_squares_of_samples_are_left_out(tmp_path: Path) -> None:
     assert np.argwhere(frame.saturated).tolist() == [[1, 1]]
 
 
+@pytest.mark.parametrize(
+    ("end", "count", "ends"), [(4080, 40, True), (4080, 15, False), (3600, 40, False)]
+)
+def test_samples_that_end_below_white_are_saturated(
+    tmp_path: Path, end: int, count: int, ends: bool
+) -> None:
+    samples = SAMPLES // 2
+    samples.ravel()[: 7 * count : 7] = end
+    frame = read_raw(own(tmp_path / "a.dng", samples))
+    assert np.array_equal(frame.saturated, (samples == end) & ends)
+    said = ("samples end at 4080, below white 4095: these are saturated",)
+    assert frame.doubts == said * ends and frame.white == 4095.0
+
+
 def test_a_sensor_without_colours_sees_their_mean_by_what_filters_let_through() -> None:
     body, camera = load_profile("mono"), CameraConfig()
     assert body.colours == 1 and load_profile("modern").colours == 3

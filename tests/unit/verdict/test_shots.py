@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from pdcd.runs.record import ShotRecord
+from pdcd.sensor.profile import load_profile
 from pdcd.verdict.causes import Grade, VerdictFinding
 from pdcd.verdict.shots import (
     judge_exposure_times,
+    judge_levels,
     judge_light,
     judge_light_outside,
     judge_refreshes,
@@ -116,3 +118,22 @@ def test_times_of_an_exposure_that_disagree_are_doubtful() -> None:
     ((grade, text),) = told(judge_exposure_times([shot()], {"coded": 0.005}))
     assert grade == DOUBTFUL and "0.005 s" in text
     assert not judge_exposure_times([shot(planned_s=2.0)], {})
+
+
+@pytest.mark.parametrize(
+    ("black", "white", "times"),
+    [(64.0, 4095.0, None), (0.0, 4095.0, None), (64.0, 3400.0, None), (1024.0, 65520.0, "16 times"),
+     (64.0, 65535.0, "16.2 times"), (16.0, 1023.0, "0.25 times")],
+)  # fmt: skip
+def test_a_file_and_a_profile_have_numbers_of_one_size(
+    black: float, white: float, times: str | None
+) -> None:
+    """Samples of 12 bits, shifted left by four, or taken for those of 10: which is right nobody
+    knows, and electrons go by the profile."""
+    found = told(judge_levels({"black_dn": [black], "white_dn": white}, load_profile("mono")))
+    assert [grade for grade, _ in found] == [DOUBTFUL] * (times is not None)
+    assert all(times and f"{times} as far as sensor profile mono" in text for _, text in found)
+
+
+def test_a_photo_that_is_worked_out_has_no_levels() -> None:
+    assert told(judge_levels({}, load_profile("mono"))) == []

@@ -65,7 +65,9 @@ def shares(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """What planes show, by path, and what is made of it."""
     told: dict[str, Any] = {"asked": [], "seen": {}, "steps": []}
 
-    def seen(self: Exposer, raw: str, sha256: str, ratio: Any, saturation_dn: float) -> Any:
+    def seen(
+        self: Exposer, raw: str, sha256: str, f_number: float, ratio: Any, saturation_dn: float
+    ) -> Any:
         told["asked"].append((raw, sha256, ratio, saturation_dn))
         return told["seen"].get(raw, (0.1, 0.1))
 
@@ -224,6 +226,6 @@ def test_a_test_exposure_is_held_against_the_cells(
     monkeypatch.setattr(PhotoShelf, "read", read)
     made = exposer()
     made.facts = RigFacts(Config(), PROFILE, (3, 4), None)
-    peak, expected = made._shares("raw/a.dng", SHA, np.full((3, 4), 2.0), 100.0)
+    peak, expected = made._shares("raw/a.dng", SHA, 8.0, np.full((3, 4), 2.0), 100.0)
     assert asked == [("raw/a.dng", {"sha256": SHA, "saturation_dn": 100.0})]
     assert peak == pytest.approx(0.6) and expected == pytest.approx(1.2)
