@@ -305,9 +305,8 @@ class Engine:
         emit: Emit = _unheard,
         listener: StreamListener,
     ) -> CaptureResult:
-        """Take photo after photo by one plan, and tell of each picture, until the listener ends it
-        or its time is over; never raises for what goes wrong, and leaves the rig as `capture` does.
-        `emit` is told of its first photos, and of runs that are made of it."""
+        """Take photo after photo by one plan until the listener ends it or its time is over, with
+        the promises of `capture`. `emit` is told of the first photos, and of runs made of them."""
         from pdcd.capture.streaming import StreamBench, run_stream  # no capture waits for it
 
         notes = (*filter(None, [self._note]), *self._rig.display_warnings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -107,7 +107,7 @@ class Rig:
         """Since when, on the clock that does not step, devices are being made safe; for any
         thread."""
         self._left: tuple[Frames | None, int | None] = None, None
-        """What the last exposure left: frames that are loaded, and since when panels are black."""
+        """Of the last exposure: its frames, and since when panels are black."""
         self.look_at_finder: Callable[[], object] = lambda: None
         """Raises DeviceLost while the camera hangs in a live view that was left behind."""
 
@@ -323,8 +323,7 @@ class Rig:
         again: bool = False,
     ) -> RigExposure:
         """Take one exposure of the frames and fetch its RAW file; `hold` keeps samples in memory.
-        `again` goes by what the exposure before left, if nothing else was done with the rig since:
-        panels that are black need not settle again, nor frames that are loaded be loaded.
+        `again` : nothing was done with the rig since the last, so what is loaded and dark stays so.
 
         The shutter opens and closes on panels that have settled to black, so its lag and jitter do
         not matter, nor what the panels showed before. When the display gives up (SyncError), the
