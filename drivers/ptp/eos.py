@@ -251,9 +251,14 @@ class EosCamera(Told):
                     if damaged == _MOST_DAMAGED:
                         return
                     continue
-                for event in events:
-                    if self.hear(event):
-                        self.session.call(Operation.EOS_KEEP_DEVICE_ON)
+                try:
+                    last_words = [self.hear(event) for event in events]
+                except DeviceLost:  # all it told is forgotten: it is to tell it anew
+                    if not self.session.is_opening:  # which is given up by itself
+                        self.session.close()
+                    raise
+                if any(last_words):
+                    self.session.call(Operation.EOS_KEEP_DEVICE_ON)
                 if not events:
                     return
 

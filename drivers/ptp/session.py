@@ -105,6 +105,11 @@ class PtpSession:
         return self._transport is not None
 
     @property
+    def is_opening(self) -> bool:
+        """Whether a session is being opened, or brought back, just now."""
+        return self._climbing
+
+    @property
     def name(self) -> str:
         """Where the camera is; empty when there is no session."""
         return self._transport.name if self._transport else ""

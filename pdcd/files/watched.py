@@ -22,9 +22,9 @@ _DEPTH = 8
 """Folders below each other that are looked into."""
 MOST_WATCHED = 200_000
 """Most names in it that are looked at."""
-_ASIDE = (".", "@", "#", "$")
-"""How names begin that are nobody's photos: hidden and unfinished ones, and what NAS systems keep
-for themselves (`@eaDir`, `#recycle`, `$RECYCLE.BIN`)."""
+_ASIDE = (".", "@", "#", "$", "~")
+"""How names begin that are nobody's photos: hidden and unfinished ones (`._IMG_1.DNG`, `~tmp`), and
+what NAS systems keep for themselves (`@eaDir`, `#recycle`, `$RECYCLE.BIN`)."""
 
 
 class WatchedFile(NamedTuple):

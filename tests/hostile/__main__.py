@@ -1,7 +1,8 @@
 """``python -m tests.hostile --count 10000 --seed 1``: what comes back from so many attacks. With
 ``--web`` they are put to the page of `pdcd web`, with ``--photos`` RAW files are damaged, else they
 are put to the methods of the daemon. With ``--crowd 60`` attackers come for so many seconds at
-once, over the socket, and to the page, to a daemon that takes photos."""
+once, over the socket, and to the page, to a daemon that takes photos ``--on`` a bench: the camera
+of ``body`` and the folder of ``card`` mean harm, too."""
 
 from __future__ import annotations
 

@@ -84,6 +84,14 @@ class HostileBody(CameraBody):
 
     mood = "honest"
 
+    def calm_down(self) -> None:
+        """Be honest. Photos that were told of to nobody are gone, as if it had been switched off
+        and on: else there would be no room for another."""
+        self.mood = "honest"
+        for handle in [h for h, stored in self.store.files.items() if not stored.on_card]:
+            self.store.files.pop(handle, None)
+        self._count_shots(tell=True)
+
     def transact(
         self, code: int, parameters: tuple[int, ...] = (), data: bytes = b""
     ) -> CameraReply:
@@ -104,21 +112,26 @@ class HostileUsb(VirtualUsb):
         self.late_s = 3.0
         """What every answer takes in that mood."""
         self._due_ns = 0
-        self._moody = threading.Event()
+        self._calm, self._rng = threading.Event(), Random(1)
 
-    def provoke(self, on: bool, seed: int = 1) -> None:
-        """Change the mood every few seconds from now on, or be honest."""
-        self._moody.set()
-        self._mood_of.mood = "honest"
+    def provoke(self, on: bool) -> None:
+        """Change the mood every few seconds from now on; or be honest, switched off and on."""
+        self._calm.set()
         if on:
-            self._moody = threading.Event()
-            threading.Thread(target=self._go_on, args=(self._moody, seed), daemon=True).start()
+            self._calm = threading.Event()
+            threading.Thread(target=self._go_on, args=(self._calm,), daemon=True).start()
+            return
+        with self._lock:
+            self._mood_of.calm_down()
+            self.body.unplug()
+            self.body.replug()
 
-    def _go_on(self, ended: threading.Event, seed: int) -> None:
-        rng = Random(seed)
-        while not ended.wait(rng.uniform(0.2, 4.0)):
+    def _go_on(self, ended: threading.Event) -> None:
+        rng = self._rng
+        while not ended.wait(rng.uniform(0.1, 6.0)):
             self._mood_of.mood = rng.choice(sorted(MOODS))
-        self._mood_of.mood = "honest"
+            ended.wait(rng.uniform(0.1, 2.0))
+            self._mood_of.calm_down()
 
     def bulk_write(
         self, dev_handle: Any, ep: int, intf: int, data: array.array[int], timeout: int

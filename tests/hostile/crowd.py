@@ -16,6 +16,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,7 +41,11 @@ RUNS = 300
 """In the state folder: a list of them is work."""
 STATUS_S, CANCEL_S, RSS_MIB, BEAT_S, END_S = 0.25, 1.0, 400.0, 2.0, 10.0
 """What must hold: the 99th percentile of `rig.status`, every cancel, the daemon's memory, its heart
-beat, and its end."""
+beat, and its end with all panels black and the shutter closed."""
+ENDED_S = 15.0
+"""From a cancel to the end of the job: devices may draw out being made safe."""
+SPOILS = frozenset({"device_lost", "exposure", "decode"})
+"""Kinds of errors that a camera or a folder which means harm may end a photo by."""
 KEPT_MIB, GIVEN_BACK_S = 40.0, 7.0
 """How much more the daemon may keep than it had at first, and how long afterwards."""
 
@@ -51,9 +56,13 @@ class Outcome:
 
     status_s: list[float] = field(default_factory=list)
     cancel_s: list[float] = field(default_factory=list)
+    ended_s: list[float] = field(default_factory=list)
+    """From a cancel to the end of the job."""
     capture_s: list[float] = field(default_factory=list)
     page_s: list[float] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
+    spoilt: Counter[str] = field(default_factory=Counter)
+    """Captures that a camera or a folder spoilt which means harm, by the kind of error."""
     rss_mib: list[float] = field(default_factory=list)
     beat_s: float = 0.0
     """Longest silence of the heart beat."""
@@ -67,6 +76,7 @@ class Outcome:
         kept = {
             "rig.status": _percentile(self.status_s, 0.99) < STATUS_S,
             "cancel": max(self.cancel_s) < CANCEL_S,
+            "end of a job that was cancelled": max(self.ended_s) < ENDED_S,
             "memory": max(self.rss_mib) < RSS_MIB,
             "memory given back": self.rss_mib[-1] < self.rss_mib[0] + KEPT_MIB,
             "heart beat": self.beat_s < BEAT_S,
@@ -82,9 +92,11 @@ class Outcome:
         return (
             f"{len(self.status_s)} times rig.status: half in {half_s:.3f} s, "
             f"99 % in {most_s:.3f} s, all in {max(self.status_s):.3f} s\n"
-            f"{len(self.cancel_s)} cancels: all in {max(self.cancel_s):.3f} s; "
+            f"{len(self.cancel_s)} cancels: all in {max(self.cancel_s):.3f} s, their jobs ended in "
+            f"{max(self.ended_s):.3f} s; "
             f"{len(self.page_s)} pages: all in {max(self.page_s):.3f} s; "
-            f"{len(self.capture_s)} captures: all in {max(self.capture_s):.3f} s\n"
+            f"{len(self.capture_s)} captures: all in {max(self.capture_s):.3f} s, spoilt by their "
+            f"device: {dict(self.spoilt)}\n"
             f"memory: {self.rss_mib[0]:.0f} MiB at first, {max(self.rss_mib):.0f} at most, "
             f"{self.rss_mib[-1]:.0f} afterwards; longest silence of the heart {self.beat_s:.2f} s; "
             f"ended in {self.end_s:.2f} s"
@@ -243,9 +255,11 @@ def _watched(daemon: Daemon, path: Path, port: int, head: bytes, seconds: float)
         outcome.rss_mib.append(_rss_mib(daemon.pid))
         for attacker in attackers:
             attacker.start()
+        if daemon.bench.provoke is not None:
+            daemon.bench.provoke(True)
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s:
-            _go_about(client, port, head, outcome)
+            _go_about(client, port, head, outcome, daemon.bench.provoke is not None)
             outcome.rss_mib.append(_rss_mib(daemon.pid))
         for attacker in attackers[:-1]:
             attacker.kill()
@@ -260,17 +274,19 @@ def _end_amid_light(daemon: Daemon, client: Client, outcome: Outcome) -> None:
     """SIGTERM while a photo is exposed, where there is somebody to see it."""
     client.capture(CaptureRequest(goal="white"), detach=True, queue=True)
     until_s = time.monotonic() + 20.0
-    is_open = daemon.bench.is_open or (lambda: True)
-    while not is_open() and time.monotonic() < until_s:
+    is_open, is_lit = (look or (lambda: False) for look in (daemon.bench.is_open, daemon.bench.lit))
+    while daemon.bench.is_open and not is_open() and time.monotonic() < until_s:
         time.sleep(0.01)
     begun_s = time.monotonic()
     daemon.process.send_signal(signal.SIGTERM)
     daemon.process.wait(30.0)
+    while (is_open() or is_lit()) and time.monotonic() < begun_s + END_S:
+        time.sleep(0.01)  # a guardian is at it
     outcome.end_s = time.monotonic() - begun_s
 
 
-def _go_about(client: Client, port: int, head: bytes, outcome: Outcome) -> None:
-    """What an honest client does, each a few times."""
+def _go_about(client: Client, port: int, head: bytes, outcome: Outcome, spoils: bool) -> None:
+    """What an honest client does, each a few times; `spoils`: photos may fail by their device."""
 
     def timed(times: list[float], ask: Callable[[], object]) -> None:
         begun_s = time.monotonic()
@@ -280,15 +296,25 @@ def _go_about(client: Client, port: int, head: bytes, outcome: Outcome) -> None:
             outcome.failed.append(f"{type(err).__name__}: {err}")
         times.append(time.monotonic() - begun_s)
 
+    def take(request: CaptureRequest) -> None:
+        error = client.capture(request, queue=True).error
+        if error is not None:
+            kind = str(error["kind"])
+            outcome.spoilt[kind] += 1
+            if not (spoils and kind in SPOILS):
+                outcome.failed.append(f"{kind}: {error['message']}")
+
     for _ in range(20):
         timed(outcome.status_s, client.status)
         time.sleep(0.01)
     request = CaptureRequest(goal="indirect", codes=32)
     started = client.capture(request, detach=True, queue=True)
     time.sleep(next(_WAITS))
+    begun_s = time.monotonic()
     timed(outcome.cancel_s, lambda: client.cancel(started.job))
-    short = CaptureRequest(goal="white", codes=8)
-    timed(outcome.capture_s, lambda: client.capture(short, queue=True))
+    client.wait(started.job)
+    outcome.ended_s.append(time.monotonic() - begun_s)
+    timed(outcome.capture_s, lambda: take(CaptureRequest(goal="white", codes=8)))
     timed(outcome.page_s, lambda: _ask_page(port, head))
 
 

@@ -1,4 +1,4 @@
-"""``python -m tests.soak --minutes 60 [--seed 1] [--out REPORT] [--on mocks windows body]``."""
+"""``python -m tests.soak --minutes 60 [--seed 1] [--out REPORT] [--on mocks windows body card]``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.soak.tally import Tally
 from tests.soak.wanted import requests
 
 ABOUT = (
-    "Written by `make soak`: a real daemon on three benches in turn, honest clients that want "
+    "Written by `make soak`: a real daemon on four benches in turn, honest clients that want "
     "every goal, hostile ones, kills and faults ([testing.md](testing.md)). In half of the turns "
     "other processes want all cores. Times are seen from outside, after the end of the job or "
     "process; 0.00 s is less than one look."
@@ -30,6 +30,7 @@ ABOUT = (
 TURN_S = 120.0
 """How long one bench has its turn."""
 LIVES = {"mocks": (15, 15, 15, 250), "windows": (15, 15, 15, 100), "body": (15, 15, 15, 100)}
+LIVES["card"] = LIVES["body"]
 """Photos of a daemon's life on each bench, if nothing ends it sooner."""
 BUSY = "import sys\nwhile True: pass"
 

@@ -154,6 +154,16 @@ def _hostile(daemon: Daemon, rng: Random) -> int:
     return 0
 
 
+def _provoke(daemon: Daemon, rng: Random) -> int:
+    """What photos come from means harm for a while: a camera in bad moods, a folder full of links,
+    pipes and half files."""
+    assert daemon.bench.provoke is not None
+    daemon.bench.provoke(True)
+    time.sleep(rng.uniform(0.5, 6.0))
+    daemon.bench.provoke(False)
+    return 0
+
+
 def _flood(daemon: Daemon, rng: Random) -> int:
     """One thing again and again: lists of runs, lines of many members or numbers, slow headers."""
     line = crowd.FLOODS[rng.choice(sorted(crowd.FLOODS))]()
@@ -221,7 +231,9 @@ ATTACKS = (
     Attack("kill -9 the presenter", _signal_role("presenter", signal.SIGKILL), on=("windows",)),
     Attack("SIGSTOP the presenter", _signal_role("presenter", signal.SIGSTOP), on=("windows",)),
     Attack(
-        "kill -9 the guardian", _signal_role("guardian", signal.SIGKILL), on=("windows", "body")
+        "kill -9 the guardian",
+        _signal_role("guardian", signal.SIGKILL),
+        on=("windows", "body", "card"),
     ),
     Attack("kill -9 the decoder", _signal_role("decoder", signal.SIGKILL)),
     Attack("kill -9 a waiting client", _kill_client, spoils=False),
@@ -229,6 +241,7 @@ ATTACKS = (
     Attack("the wall clock steps", _step_clock, spoils=False),
     Attack("the disk is full", _fill_disk, after=_empty_disk, on=("mocks",)),
     Attack("the disk is read-only", _protect_disk, after=_allow_disk, on=("mocks",)),
+    Attack("a camera or a folder means harm", _provoke, on=("body", "card")),
     Attack("hostile requests", _hostile, spoils=False),
     Attack("floods of one request", _flood, spoils=False),
     Attack("idle connections", _idle, spoils=False),

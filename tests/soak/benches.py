@@ -13,12 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.virtual_camera import BULB_BODY, CameraBody, VirtualUsb, make_chart_film
+from drivers.virtual_camera import BULB_BODY, CameraExposure, make_chart_film
 from pdcd.bench import config as settings
 from pdcd.bench.clock import RealClock
 from pdcd.bench.tables import CameraConfig, RigConfig, ServerConfig, TriggerConfig
 from pdcd.presenter.xgrab import RootGrabber
 from tests import bench_rig, remote_usb, x11_rig
+from tests.hostile.camera import HostileBody, HostileUsb
+from tests.hostile.card import Card
 from tests.soak import disk
 from tests.soak.daemon import USB
 from tests.soak.wanted import GRID
@@ -37,6 +39,8 @@ class Bench:
     freed : makes a port ready for the next daemon, after one that was killed.
     x_pid : process of the X server, where there is one.
     mounted : whether the state folder is a small file system of its own.
+    provoke : has what photos come from mean harm from now on, or be honest again; None where it
+        is the program's own mock.
     """
 
     name: str
@@ -47,6 +51,7 @@ class Bench:
     freed: Callable[[], None] = lambda: None
     x_pid: int | None = None
     mounted: bool = False
+    provoke: Callable[[bool], None] | None = None
 
     @property
     def state(self) -> Path:
@@ -90,12 +95,15 @@ class Box:
         self._near, self._far = os.openpty()
         self.port = os.ttyname(self._far)
         self.open = False
+        self.on_close: Callable[[], object] = lambda: None
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self) -> None:
         with suppress(OSError, ValueError):  # it was put away
             while select.select([self._near], [], [])[0]:
-                self.open = os.read(self._near, 64)[-1:] == b"1"
+                was_open, self.open = self.open, os.read(self._near, 64)[-1:] == b"1"
+                if was_open and not self.open:
+                    self.on_close()
 
     def freed(self) -> None:
         """Let the port be opened anew, as its last close does: this end holds it open too."""
@@ -142,19 +150,50 @@ def windows(folder: Path) -> Iterator[Bench]:
 @contextmanager
 def body(folder: Path) -> Iterator[Bench]:
     """An EOS body on a USB that this process lends, its bulb by USB too; in real time."""
-    usb = VirtualUsb(CameraBody(RealClock(), make_chart_film((480, 720)), BULB_BODY))
+    usb = HostileUsb(HostileBody(RealClock(), make_chart_film((480, 720)), BULB_BODY))
     listener = remote_usb.serve(usb, folder / USB)
-    options = {"usb": "virtual"}
     config = _written(
         folder,
         rig=RigConfig(clock="real", on_miss="flag", settle_s=0.03),
-        camera=CameraConfig(driver="ptp", noise="none", f_number=8.0, options=options),
+        camera=CameraConfig(driver="ptp", noise="none", f_number=8.0, fetch_timeout_s=8.0),
         trigger=TriggerConfig(driver="ptp"),
     )
     try:
-        yield Bench("camera on USB", folder, config, None, lambda: usb.body.shutter.is_open)
+        yield Bench(
+            "camera on USB",
+            folder,
+            config,
+            None,
+            lambda: usb.body.shutter.is_open,
+            provoke=usb.provoke,
+        )
     finally:
+        usb.provoke(False)
         listener.close()
 
 
-BENCHES = {"mocks": mocks, "windows": windows, "body": body}
+@contextmanager
+def card(folder: Path) -> Iterator[Bench]:
+    """A folder that another program saves photos to, a shutter on a terminal; in real time."""
+    box = Box()
+    photo = make_chart_film((480, 720)).make_raw(CameraExposure(0, 10**9, 100, 8.0))
+    watched = Card(folder / "card", folder / "private.dng", photo)
+    box.on_close = watched.photograph
+    camera = CameraConfig(
+        driver="folder",
+        f_number=8.0,
+        fetch_timeout_s=5.0,
+        options={"folder": str(watched.folder), "poll_s": 0.05},
+    )
+    real = RigConfig(clock="real", on_miss="flag", settle_s=0.03)
+    config = _written(folder, rig=real, camera=camera, trigger=box.trigger)
+    try:
+        yield Bench(
+            "watched folder", folder, config, None, lambda: box.open, box.freed,
+            provoke=watched.provoke,
+        )  # fmt: skip
+    finally:
+        watched.provoke(False)
+
+
+BENCHES = {"mocks": mocks, "windows": windows, "body": body, "card": card}

@@ -14,6 +14,8 @@ from datetime import datetime, timedelta, tzinfo
 from pathlib import Path
 from typing import Any
 
+from usb.backend import libusb1
+
 from drivers.ptp import shutter as ptp_shutter
 from pdcd.bench.config import load_config
 from pdcd.bench.tables import Config
@@ -90,12 +92,12 @@ def main(config: str, socket: str, where: str) -> int:
     usb = folder / USB
     if usb.exists():
         ptp_shutter.PTP_GUARDIAN = (sys.executable, "-m", "tests.guarded_shutter", str(usb))
+        lent = RemoteUsb(usb)
+        libusb1.get_backend = lambda *_, **__: lent  # before any driver asks for it
 
     def factory(config: Config) -> Engine:
         engine = Engine.with_child(config)
         rig = engine._rig
-        if usb.exists():
-            rig._context.shared.usb_backend = RemoteUsb(usb)
         for role in ("display", "shutter", "readout"):
             setattr(rig, role, Faulty(getattr(rig, role), role, folder / FAULT))
         return engine

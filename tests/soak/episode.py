@@ -77,7 +77,7 @@ class Episode:
         self._attacks = [a for a in ATTACKS if self._fits(a)]
 
     def _fits(self, attack: Attack) -> bool:
-        kinds = {"mock bench": "mocks", "camera on USB": "body"}
+        kinds = {"mock bench": "mocks", "camera on USB": "body", "watched folder": "card"}
         on_disk = attack.name.startswith("the disk")
         fits = not attack.on or kinds.get(self._bench.name, "windows") in attack.on
         fits = fits and not (attack.ends and self._photos >= LONG)

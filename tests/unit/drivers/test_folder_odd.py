@@ -89,6 +89,14 @@ def test_what_a_nas_keeps_for_itself_is_no_photo(bench: WatchedBench, place: str
     assert bench.fetch().read_bytes() == GOOD
 
 
+@pytest.mark.parametrize("name", ["._IMG_1.DNG", "~tmp1.dng", "~$IMG_1.DNG", ".DS_Store", ".x.dng"])
+def test_what_programs_write_beside_a_photo_is_none(bench: WatchedBench, name: str) -> None:
+    """AppleDouble files, and those that are renamed once they are whole."""
+    bench.put(name, DNG)
+    bench.put("IMG_1 (1).DNG", GOOD)
+    assert bench.fetch().read_bytes() == GOOD
+
+
 def test_folders_that_lie_in_each_other_without_end_are_left_alone(bench: WatchedBench) -> None:
     deep = bench.card
     for _ in range(300):
