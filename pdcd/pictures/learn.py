@@ -26,7 +26,9 @@ from pdcd.pictures.to_cells import CellLight
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import WantedMatrix
 
-_Paths: TypeAlias = "tuple[scipy.sparse.csr_array, ...]"
+_Links: TypeAlias = "scipy.sparse.csr_array"
+"""By a name of its own: Python 3.15 looks types of fields up, and would load scipy.sparse."""
+_Paths: TypeAlias = "tuple[_Links, ...]"
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class PilotFindings:
     sharpness : of the light in the scouts (`pdcd.codes.pilot.links.estimate_sharpness`).
     """
 
-    links: scipy.sparse.csr_array
+    links: _Links
     paths: _Paths
     worth: PilotPrediction | None
     sharpness: float

@@ -42,7 +42,10 @@ class EngineThread:
     async def call(self, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
         """Run the call in the thread and wait for what it returns or raises."""
         made = self._pool.submit(Outcome.of, partial(function, *args, **kwargs))
-        return (await asyncio.wrap_future(made)).get()
+        done = asyncio.wrap_future(made)
+        if done.done():  # what it told the loop on its way has yet to be heard
+            await asyncio.sleep(0)
+        return (await done).get()
 
     def close(self) -> None:
         """End the thread after the calls that were made. Blocks until then."""

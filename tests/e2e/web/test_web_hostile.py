@@ -95,9 +95,9 @@ def test_who_says_nothing_or_comes_in_crowds_keeps_nobody_out(
 def test_strangers_who_come_back_at_once_sweep_nobody_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ten times as many as there are places; a browser that takes its time is answered."""
-    monkeypatch.setattr(module, "STRANGERS", 4)
-    monkeypatch.setattr(module, "STAY_S", 0.05)
+    """Four times as many as there are places; a browser that takes its time is answered."""
+    monkeypatch.setattr(module, "STRANGERS", 2)
+    monkeypatch.setattr(module, "STAY_S", 0.3)
 
     async def keep(host: str, port: int) -> None:
         while True:
@@ -109,7 +109,7 @@ def test_strangers_who_come_back_at_once_sweep_nobody_out(
         sock = bind_loopback("127.0.0.1", 0)
         host, port = sock.getsockname()
         async with serve_page(sock, tmp_path / "none", tmp_path) as door:
-            keepers = [asyncio.create_task(keep(host, port)) for _ in range(40)]
+            keepers = [asyncio.create_task(keep(host, port)) for _ in range(8)]
             wanted = _head(inside_of(door), "GET /runs")
             for _ in range(4):
                 reader, writer = await asyncio.open_connection(host, port)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -67,3 +68,20 @@ def test_the_thread_is_closed_after_what_it_was_given() -> None:
         await calling
 
     asyncio.run(scene())
+
+
+@at_desk
+async def test_what_a_call_tells_is_heard_before_it_has_ended_however_short_it_is(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop, told = asyncio.get_running_loop(), list[str]()
+    submit = desk.worker._pool.submit
+
+    def submit_and_wait(*args: Any) -> Any:
+        made = submit(*args)
+        made.result()  # the thread is done before the loop asks
+        return made
+
+    monkeypatch.setattr(desk.worker._pool, "submit", submit_and_wait)
+    await desk.worker.call(loop.call_soon_threadsafe, told.append, "event")
+    assert told == ["event"]
