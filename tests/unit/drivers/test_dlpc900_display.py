@@ -267,6 +267,10 @@ def test_a_delay_of_the_mask_is_a_later_trigger() -> None:
     display.black()
     delays = [int.from_bytes(dmd.said(0x1A35)[-1].data[:2], "little") for dmd in rig.dmds]
     assert delays == [105, 135]
+    for dmd in rig.dmds:  # a sequence that runs takes no other
+        said = [(one.command, one.data[:1]) for one in dmd.said(0x1A24, 0x1A35)]
+        assert [command for command, _ in said][-3:] == [0x1A24, 0x1A35, 0x1A24]
+        assert (said[-3][1], said[-1][1]) == (b"\0", b"\2")
     assert [entry[1] for entry in shown(rig.dmds[1])][:4] == [125, 135, 115, 125]
 
 
