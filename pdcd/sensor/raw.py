@@ -323,7 +323,7 @@ def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFra
 def _with_clipped_samples(frame: RawFrame) -> RawFrame:
     """The same where samples end a little below the white level, as 12 bits that were shifted left
     end at 65520: of these there are far more than of the number below, and they are saturated."""
-    most = frame.samples.max(initial=0)
+    most = float(frame.samples.max(initial=0))
     if not _NEARLY_WHITE * frame.white <= most < frame.white:
         return frame
     clipped = frame.samples == most

@@ -1,4 +1,4 @@
-"""``python -m tests.soak --minutes 60 [--seed 1] [--out REPORT] [--on mocks windows body card]``."""
+"""``python -m tests.soak --minutes 60 [--seed 1] [--out REPORT] [--on mocks body ...]``."""
 
 from __future__ import annotations
 

@@ -74,7 +74,9 @@ def seen_without_colours(image: NDArray[Any]) -> NDArray[Any]:
 @pytest.mark.parametrize("fields", sampled(GOALS, 4))
 def test_every_goal_is_the_mean_of_the_colours(fields: dict[str, Any], tmp_path: Path) -> None:
     goal = str(fields["goal"])
-    codes = {} if goal in ("white", "diagonal", "transport") else {"codes": 64}
+    codes: dict[str, Any] = {}
+    if goal not in ("white", "diagonal", "transport"):
+        codes = {"codes": 64}
     profiles = {"grey": bench_rig.write_grey_profile(tmp_path), "coloured": "modern"}
     grey, coloured = (
         take(config(tmp_path / name, profile, goal), **codes, **fields)

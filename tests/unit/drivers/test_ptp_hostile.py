@@ -18,7 +18,7 @@ from drivers.ptp.eos import EosCamera
 from drivers.ptp.events import ObjectAdded, PropValue, pack_events
 from drivers.virtual_camera import FaultScript
 from drivers.virtual_camera.reply import CameraReply
-from pdcd.capture.safety import let_go, make_safe
+from pdcd.capture.safety import make_safe, release_device
 from pdcd.errors import Cancelled, DeviceLost, ExposureError, PdcdError
 from pdcd.sensor.profile import load_profile
 from tests.hostile.camera import BUSY, MOODS, MUTE, HostileBody, HostileUsb
@@ -237,7 +237,7 @@ def test_a_rig_is_let_go_in_time(mood: str) -> None:
     body.mood, usb.late_s = mood, 7.5
     begun_ns = rig.clock.now_ns()
     for device in (rig.readout, rig.shutter):
-        let_go("device", device.disconnect, rig.context.patience)
+        release_device("device", device.disconnect, rig.context.patience)
     assert rig.clock.now_ns() - begun_ns < 20.0 * SECOND_NS
     assert usb._claimed_by is None and rig.camera._alive is None
 
