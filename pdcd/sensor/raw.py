@@ -324,11 +324,11 @@ def _with_clipped_samples(frame: RawFrame) -> RawFrame:
     """The same where samples end a little below the white level, as 12 bits that were shifted left
     end at 65520: of these there are far more than of the number below, and they are saturated."""
     most = float(frame.samples.max(initial=0))
-    if not _NEARLY_WHITE * frame.white <= most < frame.white:
+    if not _NEARLY_WHITE * frame.white <= most < float(frame.white):
         return frame
     clipped = frame.samples == most
     next_lower = frame.samples.max(where=~clipped, initial=0)
-    least = _CLIPPED_TIMES * np.count_nonzero(frame.samples == next_lower)
+    least = _CLIPPED_TIMES * int(np.count_nonzero(frame.samples == next_lower))
     if np.count_nonzero(clipped) < max(_FEWEST_CLIPPED, least):
         return frame
     said = f"samples end at {most:g}, below white {frame.white:g}: these are saturated"
