@@ -75,7 +75,7 @@ def draw_table(rows: Sequence[Sequence[str]]) -> list[str]:
     for column in zip(*shown, strict=True):
         wide = max(map(len, column))
         longest = max(len(word) for cell in column for word in cell.split(" "))
-        whole = wide <= _LABEL or wide == longest
+        whole = wide <= _LABEL or not any(" " in cell.strip() for cell in column)
         table.add_column(no_wrap=whole, overflow="fold")
         least += wide if whole else longest
     for row in shown:

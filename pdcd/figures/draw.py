@@ -22,6 +22,8 @@ from pdcd.pictures.written.previews import encode_gamma
 
 _LEAST_PX = 480
 """Width of a picture, at least: what is narrower is enlarged, so that its strip can be read."""
+_LARGER = 1.5
+"""Letters of the strips: up to four pictures stand in a row."""
 SHOWN = (0.0, 0.25, 1.0)
 """Of the scale of greys, linear."""
 _RIM = 0.008
@@ -79,7 +81,7 @@ def _coloured(image: NDArray[Any]) -> NDArray[Any]:
 def _with_strip(pixels: Bytes, caption: str, marks: tuple[tuple[int, str], ...]) -> Bytes:
     plain = caption.encode("ascii", "replace").decode()
     notes = ["scene units"] if marks else [""]
-    return np.concatenate([pixels, draw_caption(pixels.shape[1], plain, notes, marks)])
+    return np.concatenate([pixels, draw_caption(pixels.shape[1], plain, notes, marks, _LARGER)])
 
 
 def check_plots() -> None:

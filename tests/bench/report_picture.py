@@ -11,9 +11,7 @@ from pathlib import Path
 from pdcd.pages.report import write_report
 from tests.browser import browser
 
-WIDTH_PX, HEIGHT_PX = 1000, 700
-SHOWN_PX = 1680
-"""Height of what is photographed."""
+WIDTH_PX, HEIGHT_PX = 1000, 1680
 
 
 def main(folder: Path, out: Path) -> None:
@@ -26,7 +24,7 @@ def main(folder: Path, out: Path) -> None:
         page.mouse.move(*at)
         page.mouse.click(*at)
         page.wait_for_timeout(300)
-        clip = {"x": 0, "y": 0, "width": WIDTH_PX, "height": SHOWN_PX}
+        clip = {"x": 0, "y": 0, "width": WIDTH_PX, "height": HEIGHT_PX}
         page.screenshot(path=str(out), full_page=True, clip=clip)
 
 

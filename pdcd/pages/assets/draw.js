@@ -22,7 +22,7 @@ function sharp(canvas) {
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, box.width, box.height);
-  context.font = '11px system-ui, "DejaVu Sans", sans-serif';
+  context.font = '12px system-ui, "DejaVu Sans", sans-serif';
   return [context, box.width, box.height];
 }
 

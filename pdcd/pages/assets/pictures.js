@@ -1,7 +1,7 @@
 // Two pictures with a line between them, the values under the pointer, scales and histograms.
 
 const CHANNELS = ["R", "G", "B"];
-const INKS = ["#d64545", "#3c9a50", "#4a7fe0"];
+const INKS = ["#d55e00", "#009e73", "#4a7fe0"]; // told apart without red and green
 const FEW_PX = 400;
 
 // What can be shown: every picture, its sigma, and of the answer the truth and what is off.
@@ -137,11 +137,13 @@ function pictureViewer(data, onCell) {
       context.fillRect(x, 0, 1, 14);
     }
     context.fillStyle = colour("--quiet");
-    const marks = wide > 330 ? [0, 0.25, 0.5, 1] : [0, 0.5, 1];
-    marks.forEach((share, number) => {
-      context.textAlign = number === 0 ? "left" : number === marks.length - 1 ? "right" : "center";
-      const more = number === marks.length - 1 ? ` ${unit.split(",")[0]}` : "";
-      context.fillText(written(low + share * (top - low), 3) + more, share * wide, 27);
+    const marks = ticks(low, top, wide / 70);
+    context.textAlign = "center";
+    marks.forEach((mark, number) => {
+      const text = written(mark) + (number === marks.length - 1 ? ` ${unit.split(",")[0]}` : "");
+      const half = 0.5 * context.measureText(text).width, at = (wide * (mark - low)) / (top - low || 1);
+      context.fillRect(clamp(at, 0, wide - 1), 12, 1, 4);
+      context.fillText(text, clamp(at, half, wide - half), 27);
     });
   }
 
@@ -179,6 +181,15 @@ function pictureViewer(data, onCell) {
       context.setLineDash([4, 3]);
       context.beginPath(); context.moveTo(at.across(mark), at.top); context.lineTo(at.across(mark), at.bottom); context.stroke();
       context.setLineDash([]);
+    }
+    if (planes.length > 1) {
+      context.fillStyle = colour("--box");
+      context.fillRect(at.right - 44, at.top + 2, 42, 15);
+      context.textAlign = "center";
+      INKS.forEach((ink, c) => {
+        context.fillStyle = ink;
+        context.fillText("RGB"[c], at.right - 36 + 13 * c, at.top + 14);
+      });
     }
   }
 

@@ -82,36 +82,42 @@ def _check(path: Path, rgb: NDArray[np.generic]) -> None:
         raise ConfigError(f"{path.name}: an image needs shape (h, w, 3 or 1), not {rgb.shape}")
 
 
-def find_caption_height(width_px: int) -> int:
+def find_caption_height(width_px: float) -> int:
     """Pixels that the strip below a picture of that width is high."""
     return round(CAPTION_SHARES[0] * width_px)
 
 
 def draw_caption(
-    width_px: int, title: str, notes: Sequence[str], greys: Sequence[tuple[int, str]]
+    width_px: int,
+    title: str,
+    notes: Sequence[str],
+    greys: Sequence[tuple[int, str]],
+    times: float = 1.0,
 ) -> Bytes:
-    """A caption, (`find_caption_height(width_px)`, width_px, 3) uint8.
+    """A caption, (`find_caption_height(times * width_px)`, width_px, 3) uint8.
 
     title, notes : ASCII; the notes are smaller, below the title, apart from each other. Both are
     shrunk to fit beside the scale.
     greys : pixel values from dark to bright, and what is written below each.
+    times : larger than usual, for pictures that stand several to a row.
     """
-    height_px, step_px, margin_px = (round(share * width_px) for share in CAPTION_SHARES)
+    large_px = times * width_px
+    height_px, step_px, margin_px = (round(share * large_px) for share in CAPTION_SHARES)
     drawn = np.full((height_px, width_px), PAPER, np.uint8)
     left = width_px - margin_px - step_px * len(greys)
     base, middle = round(0.83 * height_px), round(0.45 * height_px)
     for number, (grey, words) in enumerate(greys):
         begin = left + number * step_px
         drawn[height_px // 8 : height_px * 13 // 24, begin : begin + step_px] = grey
-        size, across = _fit(words, step_px, _MARKS * width_px)
+        size, across = _fit(words, step_px, _MARKS * large_px)
         _write(drawn, words, (begin + (step_px - across) // 2, base), size, _FAINT)
     room = drawn[:, : left - margin_px]  # what does not fit must not run into the scale
     for words, share, at, grey in (
         (title, _TITLE, middle, _INK),
         ("   ".join(notes), _NOTES, base, _FAINT),
     ):
-        size, _ = _fit(words, room.shape[1] - margin_px, share * width_px)
-        _write(room, words, (margin_px, at), max(size, _LEAST * width_px), grey)
+        size, _ = _fit(words, room.shape[1] - margin_px, share * large_px)
+        _write(room, words, (margin_px, at), max(size, _LEAST * large_px), grey)
     return np.repeat(drawn[..., None], 3, axis=2)
 
 

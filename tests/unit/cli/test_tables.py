@@ -32,6 +32,14 @@ def test_paths_stay_in_one_piece(capsys: pytest.CaptureFixture[str]) -> None:
     assert max(map(len, lines)) <= WIDTH and lines[1].startswith(f"in use  {name}  step good,")
 
 
+def test_names_that_are_indented_stay_in_one_piece(capsys: pytest.CaptureFixture[str]) -> None:
+    names = [["  figure", "value", "limit"], ["  shutter.travel_opening_s", "-0.01758 +- 0.002 s",
+             "each exposure known to 0.3 ms, and no more than that"]]  # fmt: skip
+    lines = shown(capsys, names)
+    assert lines[1].startswith("  shutter.travel_opening_s  -0.01758 +- 0.002 s")
+    assert max(map(len, lines)) <= WIDTH
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_no_word_is_lost_and_no_line_too_long(
     seed: int, capsys: pytest.CaptureFixture[str]
