@@ -104,7 +104,7 @@ def swapped(number: int, shot: Shot) -> Shot:
 @pytest.mark.parametrize(
     ("change", "words", "encode"),
     [
-        (resized, "quads 32 x 23, not 32 x 24", masked_dng),
+        (resized, "size 32 x 23 quads, not 32 x 24 quads", masked_dng),
         (turned, "orientation turned by 90 right, not upright", masked_dng),
         (swapped, "camera another camera, not test camera", None),
     ],

@@ -56,7 +56,7 @@ def test_a_capture_reads_each_shot_once(
             lines += 1
             yield line
 
-    monkeypatch.setattr("pdcd.sensor.raw.read_raw", counted)
+    monkeypatch.setattr("pdcd.sensor.shelf.read_raw", counted)
     monkeypatch.setattr("pdcd.runs.frame_table.csv.reader", counting)
     folder = taken(tmp_path, **fields)
     shots = {Path(shot.raw).name for shot in read_manifest(folder).run.shots}

@@ -169,12 +169,14 @@ LOOK = {"hello", "ping", "rig.status", "rig.describe", "capture.wait", "capture.
 LOOK |= {"events.subscribe", "events.unsubscribe"}
 SHOOT = {"config.get", "capture.plan", "capture.start", "capture.cancel", "display.show"}
 SHOOT |= {"preview.grab", "preview.live", "preview.frame", "calibrate.start", "calibrate.proceed"}
+SHOOT |= {"stream.start", "stream.frame", "stream.record"}
 
 SOUND: dict[str, dict[str, Any]] = {
     "hello": {"protocol": [1, 0]},
     "capture.plan": {"goal": "white"},
     "capture.start": {"goal": "white"},
     "display.show": {"pattern": "black"},
+    "stream.start": {"goal": "white"},
 }
 
 
@@ -183,15 +185,16 @@ async def kinds(wire: Wire, job: str) -> dict[str, str]:
     found, live = {}, ""
     for method in METHODS:
         params = {"job": job} if method.endswith((".wait", ".cancel", ".proceed")) else {}
-        if method == "preview.frame":
+        if method in ("preview.frame", "stream.frame", "stream.record"):
             params = {"job": live or job}
         answer = await wire.ask(method, **SOUND.get(method, params))
         found[method] = answer["error"]["data"]["kind"] if "error" in answer else ""
-        if method == "preview.live" and "result" in answer:
+        if method in ("preview.live", "stream.start") and "result" in answer:
             live = answer["result"]["job"]
-        if method == "preview.frame" and live:
+        elif method in ("preview.frame", "stream.record") and live:
             await wire.result("capture.cancel", job=live)
-        if method.endswith(".start") and "result" in answer:
+            live = ""
+        elif method.endswith(".start") and "result" in answer:
             await wire.result("capture.wait", job=answer["result"]["job"])
     return found
 

@@ -113,7 +113,7 @@ def test_a_lens_that_is_fixed_or_not_set_from_here_stays() -> None:
     manual, found = metered(0.002, f_numbers=())
     assert {wanted.f_number for wanted in found.wanted} == {None}
     assert manual.f_number is None and manual.full == pytest.approx(FULL_SHARE / 0.002, abs=1)
-    assert found.outcome is not None and found.outcome.figures[1].value == 0.0
+    assert found.outcome is not None and len(found.outcome.figures) == 1
 
 
 def test_short_photos_may_have_a_wider_lens() -> None:

@@ -26,7 +26,7 @@ from pdcd.recipes.goals import Target
 from pdcd.recipes.make import make_recipe
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import DarkPhoto, RunRecord
-from pdcd.sensor import raw
+from pdcd.sensor import shelf
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw
 from pdcd.watch import Watch
@@ -169,7 +169,7 @@ def changed_second(monkeypatch: pytest.MonkeyPatch, change: Callable[[RawFrame],
         frame = read_raw(path, **how)
         return frame if "white" in path.name else change(frame)
 
-    monkeypatch.setattr(raw, "read_raw", read)
+    monkeypatch.setattr(shelf, "read_raw", read)
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def test_a_texture_has_as_many_rows_as_its_bytes_need(size: int, rows: int) -> N
     assert told.value.message == (
         f"{size} bytes of patterns exceed the graphics card's textures ({16384 * (rows - 1)} bytes)"
     )
-    assert told.value.device == "projector" and "--parts" in str(told.value.hint)
+    assert told.value.device == "projector" and "more parts" in str(told.value.hint)
 
 
 def test_a_geometry_is_kept_while_it_is_the_same_and_let_go_of_with_the_next() -> None:

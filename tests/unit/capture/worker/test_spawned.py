@@ -253,9 +253,12 @@ def test_only_work_of_the_table_is_asked_for(worker: SpawnedWorker) -> None:
     def plan(worker: Worker, watch: Watch) -> None:
         pass
 
-    for stranger in (plan, Worker.forget):
+    def stranger(worker: Worker, watch: Watch) -> None:
+        pass
+
+    for asked in (plan, stranger):
         with pytest.raises(PdcdError, match="no work is called"):
-            worker.do(Watch(), stranger)
+            worker.do(Watch(), asked)
 
 
 def test_it_starts_once_and_stops_for_good(worker: SpawnedWorker, other: Other) -> None:
