@@ -248,7 +248,7 @@ def test_a_camera_that_hangs_is_left_by_a_cancel(plain: Engine) -> None:
 
     setattr(plain._rig.readout, "fetch", fetch)  # noqa: B010
     result = viewer.watch(plain, REQUEST)
-    assert result.state == "cancelled" and is_safe(plain) and len(viewer.seen) == 3
+    assert result.state == "cancelled" and is_safe(plain) and len(viewer.seen) >= 3
 
 
 def test_time_ends_it_as_done_and_codes_are_loaded_once_where_nothing_changes(
