@@ -94,6 +94,15 @@ class MeasuredTiming:
         return float(np.abs(self.lag_s - line).max())
 
     @property
+    def noise_over_limit(self) -> float:
+        """How unsure the time is that is least sure, over what is good; 0 where strips are off by
+        more than their noise, which more of them would not mend."""
+        if self.tail is not None or self.chi2 > _CHI2:
+            return 0.0
+        taus = (self.taus_sigma_s / (_TAU_LIMIT * self.taus_s)).max()
+        return float(max(taus, (self.lag_sigma_s / _LAG_LIMIT_S).max()))
+
+    @property
     def delay_refreshes(self) -> int:
         """What to add to ``display.mask_delay_refreshes`` so that less than half a refresh of lag
         is left in the middle of the field."""

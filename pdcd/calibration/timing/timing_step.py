@@ -48,7 +48,9 @@ _TRAIL = 13
 _BANDS = 3, 12
 _QUADS_A_BAND = 40
 """Rows of quads that a band has, at least."""
-_PERMUTATIONS = 4
+_PERMUTATIONS, _MOST_PERMUTATIONS = 4, 16
+"""Photos of fine strips; up to so many where the noise of four leaves times unsure, as that of a
+sensor with small pixels does before fast panels."""
 _NEAR = 1
 """Refreshes by which a second coarse search may still be off."""
 _FLAT_S = 1e-4
@@ -113,7 +115,7 @@ class _Rig:
 
 def calibrate_timing(session: CalibrationSession) -> StepScript:
     """White, coarse strips, white without the projector, fine strips four times: seven photos; nine
-    where the mask is whole refreshes late, or early.
+    where the mask is whole refreshes late, or early; up to twelve more where they are too noisy.
 
     Raises CalibrationError as `find_coarse_delay`, `read_strips` and `fit_timing` do.
     """
@@ -126,14 +128,20 @@ def calibrate_timing(session: CalibrationSession) -> StepScript:
         rig.room(make_pulse_strips(rig.projector, window=rig.window), delay)
     )
     room = session.photo(taken)
-    for number in range(_PERMUTATIONS):
-        strips = make_pulse_strips(rig.projector, number, window=rig.window)
-        taken = yield from take_photo(rig.wanted(f"rhythms-{number + 1}", strips, delay))
-        readings.append(rig.read(session.photo(taken), white, strips, room))
-        measure_room_light(readings[-1])
-        ran.append(undo_mask_shift(taken.ran, delay, rig.refreshes))
-        rows_delay = taken.log.mask_delay
-    found = fit_timing(readings, ran, session.refresh_s)
+    count = _PERMUTATIONS
+    while True:
+        for number in range(len(readings), count):
+            strips = make_pulse_strips(rig.projector, number, window=rig.window)
+            taken = yield from take_photo(rig.wanted(f"rhythms-{number + 1}", strips, delay))
+            readings.append(rig.read(session.photo(taken), white, strips, room))
+            measure_room_light(readings[-1])
+            ran.append(undo_mask_shift(taken.ran, delay, rig.refreshes))
+            rows_delay = taken.log.mask_delay
+        found = fit_timing(readings, ran, session.refresh_s)
+        times = found.noise_over_limit**2
+        if times <= 1.0 or count == _MOST_PERMUTATIONS:
+            break
+        count = 2 * ceil(0.5 * min(times * count, _MOST_PERMUTATIONS))
     return _outcome(session, rig, found, readings, rows_delay + delay)
 
 

@@ -87,6 +87,26 @@ def test_lag_rise_and_fall_and_whole_refreshes(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
+def test_a_noisy_sensor_takes_more_strips(tmp_path: Path) -> None:
+    """Small pixels before a fast projector: four photos leave its times unsure, and its leaks."""
+    believed = bench(
+        tmp_path,
+        "[projector]\nrise_s = 0.00093\nfall_s = 0.00054\n"
+        "[mask]\nskew_s = 0.0051\nrise_s = 0.0064\nfall_s = 0.0032\n",
+    )
+    camera = msgspec.structs.replace(believed.camera, profile="mono", f_number=64.0)
+    result, found = calibrated(msgspec.structs.replace(believed, camera=camera), "timing")
+    step = record_of(result).steps[-1]
+    assert sum("rhythms" in photo.name for photo in step.photos) > len(STRIPS)
+    at = (np.arange(40) + 0.5) / 40
+    true = load_bench_truth(believed).of(believed)
+    true = msgspec.structs.replace(true, display=found.display)
+    real, said = leaks(true, lags_s(true, at)), leaks(found, lags_s(found, at))
+    for schedule in SLOTS:  # without black refreshes before its code the mask shares its light
+        assert said[schedule] == pytest.approx(real[schedule], abs=1e-3, rel=0.01), schedule
+
+
+@pytest.mark.long
 def test_twice_in_a_row_gives_the_same(tmp_path: Path) -> None:
     """The truth says nothing of bands: they are as typed, not as the first time found them."""
     believed = bench(tmp_path, TAUS.format(projector="", mask="skew_s = 0.002\nscan_s = 0.0158"))

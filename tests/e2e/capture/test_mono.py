@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import cv2
 import msgspec
@@ -12,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 import pdcd
+from drivers.mock.camera import BenchSensor
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.pictures.written.export import ExportRequest, export_run_pictures
@@ -74,9 +76,7 @@ def seen_without_colours(image: NDArray[Any]) -> NDArray[Any]:
 @pytest.mark.parametrize("fields", sampled(GOALS, 4))
 def test_every_goal_is_the_mean_of_the_colours(fields: dict[str, Any], tmp_path: Path) -> None:
     goal = str(fields["goal"])
-    codes: dict[str, Any] = {}
-    if goal not in ("white", "diagonal", "transport"):
-        codes = {"codes": 64}
+    codes: dict[str, Any] = {} if goal in ("white", "diagonal", "transport") else {"codes": 64}
     profiles = {"grey": bench_rig.write_grey_profile(tmp_path), "coloured": "modern"}
     grey, coloured = (
         take(config(tmp_path / name, profile, goal), **codes, **fields)
@@ -110,6 +110,31 @@ def test_error_bars_are_honest(noisy: Taken) -> None:
     assert 0.7 < np.sqrt(np.mean(off**2)) < 1.3
     assert noisy.quality.verdict == "good", noisy.quality
     assert noisy.decodes_the_same()
+
+
+def test_dead_columns_and_stuck_pixels_spoil_nothing(tmp_path: Path) -> None:
+    """A column without light, and three pixels that are white whatever they see, as of a camera
+    whose own correction is off: they are left out, said, and do not set the aperture."""
+    plane = BenchSensor._plane
+
+    def worn(self: BenchSensor, iso: int, f_number: float) -> Any:
+        samples, tags = plane(self, iso, f_number)
+        samples[:, 21] = tags["black"]
+        for row, column in ((5, 5), (20, 40), (41, 33)):
+            samples[row, column] = tags["white"]
+        return samples, tags
+
+    camera = CameraConfig(profile="mono", quads_per_cell=4)
+    scene = SceneConfig(kind="wax-disk", grid=(12, 16))
+    with mock.patch.object(BenchSensor, "_plane", worn):
+        made = take(bench_rig.config(tmp_path, camera=camera, scene=scene), codes=96)
+    assert made.quality.verdict == "good", made.quality
+    assert made.summary["rms_error_cells"] < 0.005
+    assert sum("48 pixels of the camera stay dark" in text for text in made.warnings) == 1
+    truth = pdcd.open(made.folder).truth
+    off = (made.image - truth) / made.probe["sigma"]
+    assert 0.7 < np.sqrt(np.mean(off**2)) < 1.3
+    assert made.decodes_the_same()
 
 
 def test_files_have_one_plane(noisy: Taken) -> None:
