@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from pdcd.figures.figure import (
+    PAPER_PROFILE,
     TINY_MODE,
     BoundedNumber,
     FigureMode,
@@ -13,10 +16,13 @@ from pdcd.figures.figure import (
 from pdcd.figures.photo import photograph_takes
 
 
-def taken(figure: PaperFigure, only: tuple[str, ...] = ()) -> dict[str, FigurePhoto]:
+def taken(
+    figure: PaperFigure, only: tuple[str, ...] = (), profile: str = PAPER_PROFILE
+) -> dict[str, FigurePhoto]:
     """Photos of the captures of a figure, all or `only` those, in the mode of tests."""
-    takes = figure.takes(TINY_MODE)
-    return dict(photograph_takes({name: takes[name] for name in only or takes}, TINY_MODE))
+    mode = replace(TINY_MODE, profile=profile)
+    takes = figure.takes(mode)
+    return dict(photograph_takes({name: takes[name] for name in only or takes}, mode))
 
 
 def numbers_of(

@@ -257,6 +257,17 @@ def test_a_capture_is_held_against_its_bound(bound: float | None, error: float, 
     assert told == ["ours", "still-life", None, None, "none"]
 
 
+def test_another_sensor_may_err_by_its_own_noise_more() -> None:
+    """Four parts in a hundred stated, three of noise: five. What codes err is no noise."""
+    photo = replace(PHOTO, errors={"indirect": 0.045}, summary={"rms_sigma": 0.03})
+    take, grey = replace(TAKE, bound=0.04), replace(TINY_MODE, profile="mono")
+    told = {mode.profile: capture_told("a", take, photo, mode) for mode in (TINY_MODE, grey)}
+    assert (told["mono"]["bound"], told["mono"]["held"]) == (pytest.approx(0.05), True)
+    assert (told["450d"]["bound"], told["450d"]["held"]) == (0.04, False)
+    measured = replace(photo, summary={"rms_sigma": 0.03, "sigma_kind": "measured"})
+    assert capture_told("a", take, measured, grey)["bound"] == 0.04
+
+
 def test_a_capture_of_entries_is_judged_by_these() -> None:
     truth = np.full((2, 2, 3), 2.0)
     entries = truth + 0.5

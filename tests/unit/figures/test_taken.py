@@ -80,6 +80,13 @@ def test_figure_7() -> None:
     assert 0.8 < numbers["indirect: error of the naive way over the proportional"] < 1.25
 
 
+def test_a_fixed_aperture_fills_another_sensor_as_much() -> None:
+    """The paper's would fill the small pixels of this one eight times: its photos were clipped."""
+    photos = taken(fig07.FIGURE, ("diagonal, codes", "indirect, codes"), "mono")
+    assert all(photo.image.shape[2] == 1 for photo in photos.values())
+    assert photos["diagonal, codes"].error < 0.06 and photos["indirect, codes"].error < 0.2
+
+
 def test_figure_8() -> None:
     names = ("white", "1/2, ours", "1/4, ours", "1/8, ours", "1/16, ours")
     photos = taken(fig08.FIGURE, names)
