@@ -15,7 +15,7 @@ from tests.sheet import save
 
 ROWS = ("fig-1-1", "fig-9-1", "fig-12-3")
 """Beginnings of the names of the pictures of each row."""
-WIDTH_PX, GAP_PX = 1200, 8
+WIDTH_PX, GAP_PX = 1040, 8
 
 
 def joined(folder: Path) -> Image.Image:
