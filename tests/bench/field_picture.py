@@ -30,7 +30,7 @@ CELL = (1, 2)
 """Row and column of the cell that is marked everywhere."""
 
 FIELD_AT, FIELD_SIZE = np.array([375.0, 95.0]), np.array([210.0, 157.5])
-BLUE, ORANGE, GREEN, GREY = "#1f5fa8", "#c77700", "#2e7d32", "#888"
+BLUE, ORANGE, GREEN, GREY = "#1f5fa8", "#c77700", "#009e73", "#888"
 
 
 def picture() -> str:
@@ -90,7 +90,7 @@ def _devices() -> Iterator[str]:
                 yield f'<circle cx="{centre[0]:.1f}" cy="{centre[1]:.1f}" r="1.1" fill="#555"/>'
         # Where the edge of the marked cell lies on the device.
         rim = _along(_box(CELL[1] / 4, CELL[0] / 3, (CELL[1] + 1) / 4, (CELL[0] + 1) / 3))
-        yield _shape(np.array(at) + scale * map_.from_field(rim), stroke="#b00020", width=1.8)
+        yield _shape(np.array(at) + scale * map_.from_field(rim), stroke="#111", width=2.4)
         middle = at[0] + 0.5 * scale * width
         yield _text(middle, at[1] - 12, name, bold=True, colour=colour)
         yield _text(middle, at[1] + scale * height + 18, says)
@@ -112,7 +112,7 @@ def _arrows() -> Iterator[str]:
             "the dot is its centre, k + 0.5.",
             "A pixel shows the cell that its",
             "centre lies in; beyond the field",
-            "it is black. Red: the same cell,",
+            "it is black. Outlined: the same cell,",
             "by from_field.",
         )
     ):

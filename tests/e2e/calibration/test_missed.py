@@ -74,6 +74,9 @@ def test_what_counts_refreshes_is_not(tmp_path: Path, on_miss: str, step: StepNa
     _, result, _ = measure(tmp_path, (step,), rig=rig, display=SLOW, placed=True)
     assert result.state == "failed" and result.error is not None
     assert result.error["kind"] == "sync" and "was spoilt 1 times" in str(result.error["message"])
+    # Nobody is told to set what is set.
+    better = "rig.on_miss = 'flag'" if on_miss == "abort" else "leave its step out"
+    assert better in str(result.error["hint"])
 
 
 @pytest.mark.parametrize(
