@@ -1,5 +1,6 @@
 """Machine-vision cameras: GigE Vision and USB3 Vision of any maker, by Aravis.
 
 `library` and `aravis` are the library, `pixels` and `levels` its samples, `device` one camera's
-settings, `camera` its exposures and frames, `roles` the shutter and the readout made of them.
+settings by its `features`, `camera` its exposures (`exposure`) and frames, `roles` the shutter and
+the readout made of them.
 """

@@ -13,7 +13,6 @@ import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 from pdcd.driver import (
     CameraSettings,
@@ -27,8 +26,8 @@ from pdcd.driver import (
     PhotoFrame,
 )
 
-from .aravis import RawBuffer
 from .device import CAMERA_DEVICE, GenicamDevice
+from .exposure import TimedExposure, check_exposed
 from .frames import FrameReceiver
 from .levels import measure_black
 from .options import GenicamOptions, read_genicam_options
@@ -50,32 +49,6 @@ _BACK_S, _LOOK_BACK_S = 3.5, 0.1
 """So long a camera that was lost is looked for anew before an exposure, and each look may take
 letting the old one go (1 s) and a command that is not answered (2.5 s, 5 beside a heartbeat): a job
 without its camera ends within ten."""
-
-
-@dataclass
-class _Exposure:
-    """One that was begun. `begun_ns` is before the trigger, `sure_ns` when it surely had begun;
-    `time_s` is what the camera's clock gives it, `spare_s` what of it is margin."""
-
-    begun_ns: int
-    sure_ns: int
-    time_s: float
-    spare_s: float
-    late_s: float = 0.0
-    closed: bool = False
-    aborted: bool = False
-    came: RawBuffer | PhotoError | None = None
-    """The frame, where it alone says that the exposure is over, or why there is none."""
-
-    @property
-    def ends_ns(self) -> int:
-        """When it is over at the earliest."""
-        return self.begun_ns + round(self.time_s * 1e9)
-
-    @property
-    def over_ns(self) -> int:
-        """When it is surely over."""
-        return self.sure_ns + round(self.time_s * 1e9)
 
 
 class GenicamCamera:
@@ -107,7 +80,7 @@ class GenicamCamera:
         self._time: tuple[float, float] | None = None
         """Of the next exposure: what the camera was set to, and what of it is margin, s."""
         self._planned_s: float | None = None
-        self._exposure: _Exposure | None = None
+        self._exposure: TimedExposure | None = None
         self._owes_frame = False
         """Whether a frame of an exposure that was given up may yet come."""
         self._black: dict[int, int | Sequence[int]] = {}
@@ -236,11 +209,11 @@ class GenicamCamera:
             self._frames.forget()
             if self.options.exposure == "edge":
                 now_ns = self.clock.now_ns()
-                self._exposure = _Exposure(now_ns, now_ns, time_s, spare_s)
+                self._exposure = TimedExposure(now_ns, now_ns, time_s, spare_s)
                 return now_ns
             return self._start(device, time_s, spare_s).sure_ns
 
-    def _start(self, device: GenicamDevice, time_s: float, spare_s: float) -> _Exposure:
+    def _start(self, device: GenicamDevice, time_s: float, spare_s: float) -> TimedExposure:
         """Start an exposure by command; on return it surely has begun."""
         self._await_ready(device)
         self._frames.forget()
@@ -250,7 +223,7 @@ class GenicamCamera:
         told = self._await_start(device, time_s)
         self._owes_frame = False
         sure_ns = self.clock.now_ns() + (0 if told else self._sure_ns)
-        exposure = self._exposure = _Exposure(begun_ns, sure_ns, time_s, spare_s)
+        exposure = self._exposure = TimedExposure(begun_ns, sure_ns, time_s, spare_s)
         self.clock.sleep_until_ns(sure_ns)
         return exposure
 
@@ -280,7 +253,7 @@ class GenicamCamera:
             return self.clock.now_ns()
         return self._outlive(exposure)
 
-    def _outlive(self, exposure: _Exposure) -> int:
+    def _outlive(self, exposure: TimedExposure) -> int:
         """Wait until it is surely over; returns the time."""
         while (now_ns := self.clock.now_ns()) < exposure.over_ns:
             self._patience.sleep_until_ns(exposure.over_ns)
@@ -299,7 +272,7 @@ class GenicamCamera:
                 "the camera was not armed", device=CAMERA_DEVICE, hint="call arm first"
             )
         if self.options.exposure != "width":
-            _check_exposed(exposure)
+            check_exposed(exposure)
         with self._trusted():
             self._owes_frame = True
             timed = self.options.exposure == "timed" and not self._moves()
@@ -448,19 +421,3 @@ def list_camera_parts(
     """What a `GenicamCamera` of this rig needs besides its options."""
     shared = context.shared
     return context.clock, context.config.trigger.sure_ns, context.patience, lambda: shared.moving
-
-
-def _check_exposed(exposure: _Exposure | None) -> None:
-    """Raise where there is no photo to wait for."""
-    if exposure is None:
-        raise ExposureError(
-            "nothing was exposed", device=CAMERA_DEVICE, hint="open and close the shutter first"
-        )
-    if not exposure.closed:
-        raise ExposureError("the shutter is open", device=CAMERA_DEVICE, hint="close it first")
-    if exposure.aborted:
-        raise PhotoError(
-            "the exposure was given up before its time, as the shutter was closed early",
-            device=CAMERA_DEVICE,
-            hint="take it again",
-        )

@@ -16,6 +16,14 @@ from functools import partial
 from pdcd.driver import ConfigError, DeviceLost, PhotoError
 
 from .aravis import AravisCamera, AravisError, FoundCamera, RawBuffer, list_cameras
+from .features import (
+    GAIN_FEATURES,
+    PLAIN_ONES,
+    PLAIN_SWITCHES,
+    PLAIN_WORDS,
+    START_SELECTORS,
+    TIME_FEATURES,
+)
 from .levels import SampleLevels
 from .options import ExposureName, GenicamOptions
 from .pixels import BY_NAME, PixelFormat, choose_pixel_format
@@ -31,44 +39,6 @@ _LET_GO_S = 1.0
 _WORD_BITS = 16
 _BASE_ISO = 100
 _GAIN_TOLERANCE_DB, _FACTOR_TOLERANCE = 0.05, 0.01
-
-_WORDS = (
-    ("AcquisitionMode", "Continuous"),
-    ("ExposureAuto", "Off"),
-    ("GainAuto", "Off"),
-    ("BlackLevelAuto", "Off"),
-    ("BalanceWhiteAuto", "Off"),
-    ("TestPattern", "Off"),
-    ("TestImageSelector", "Off"),
-    ("GainSelector", "AnalogAll"),
-    ("GainSelector", "All"),
-    ("BlackLevelSelector", "All"),
-    ("TriggerOverlap", "Off"),
-)
-_SWITCHES = (
-    "AcquisitionFrameRateEnable",
-    "AcquisitionFrameRateEnabled",
-    "GammaEnable",
-    "GammaEnabled",
-    "LUTEnable",
-    "SharpeningEnable",
-    "NoiseReductionEnable",
-    "DefectCorrectionEnable",
-    "ColorTransformationEnable",
-    "ReverseX",
-    "ReverseY",
-    "ChunkModeActive",
-)
-_ONES = (
-    "Gamma",
-    "BinningHorizontal",
-    "BinningVertical",
-    "DecimationHorizontal",
-    "DecimationVertical",
-)
-_TIMES = ("ExposureTime", "ExposureTimeAbs")
-_GAINS = ("Gain", "GainAbs")
-_SELECTORS = ("FrameStart", "FrameBurstStart", "AcquisitionStart")
 
 
 @contextlib.contextmanager
@@ -187,18 +157,18 @@ class GenicamDevice:
         camera, options = self._camera, self.options
         with report_errors("setting it up"):
             self._try("AcquisitionStop", camera.stop)  # whoever had it before may have left it on
-            for feature, word in _WORDS:
+            for feature, word in PLAIN_WORDS:
                 self._try(feature, partial(self._set_word, feature, word))
-            for feature in _SWITCHES:
+            for feature in PLAIN_SWITCHES:
                 self._try(feature, partial(camera.set_boolean, feature, False))
-            for feature in _ONES:
+            for feature in PLAIN_ONES:
                 self._try(feature, partial(camera.set_number, feature, 1.0))
         self.pixel_format = self._choose_format()
         with report_errors("setting the region"):
             self.size = self._set_region()
         with report_errors("its exposure and gain"):
             self._set_start("timed")
-            self._time = self._needed(_TIMES, "an exposure time")
+            self._time = self._needed(TIME_FEATURES, "an exposure time")
             self._bounds_us = camera.bounds(self._time)
             self.shortest_s, self.longest_s = (1e-6 * bound for bound in self._bounds_us)
             self._gain, self._gains = self._find_gains()
@@ -395,7 +365,7 @@ class GenicamDevice:
             for other in selectors:
                 camera.set_text("TriggerSelector", other)
                 self._try("TriggerMode", partial(self._set_word, "TriggerMode", "Off"))
-            chosen = next((name for name in _SELECTORS if name in selectors), None)
+            chosen = next((name for name in START_SELECTORS if name in selectors), None)
             if chosen is not None:
                 camera.set_text("TriggerSelector", chosen)
         camera.set_text("TriggerSource", source)
@@ -424,7 +394,7 @@ class GenicamDevice:
         least one.
         """
         camera = self._camera
-        gain = next((name for name in (*_GAINS, "GainRaw") if camera.has(name)), None)
+        gain = next((name for name in (*GAIN_FEATURES, "GainRaw") if camera.has(name)), None)
         unit = None if gain is None else camera.unit(gain)
         if gain is None or unit is None:
             if gain is not None:
