@@ -60,6 +60,8 @@ _GRACE_S = 0.9
 _NOT_YET = "is the transfer still going on? raise camera.fetch_timeout_s"
 _MOST_NAMED = 6
 """Names that an error tells."""
+_MOST_LARGER = 4
+"""How many times the samples of its profile's sensor a photo may have."""
 
 
 class FolderOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -119,6 +121,7 @@ class FolderReadout:
         profile = load_profile(config.profile)
         self._isos, self._frame_quads = profile.isos, profile.frame_quads
         self._most_bytes = profile.largest_photo_bytes
+        self._most_samples = _MOST_LARGER * profile.samples or self._most_bytes // 2
         self._settings: CameraSettings | None = None
         self._known: dict[str, WatchedFile] = {}
         self._armed_ns = 0
@@ -385,7 +388,12 @@ class FolderReadout:
     def _check(self, shown: str, raw: RawFile, settings: CameraSettings) -> None:
         """Decode a photo and compare it with what was asked for. Raises DecodeError and
         ExposureError."""
-        frame = read_raw(raw.path, sha256=raw.sha256, size_bytes=raw.size_bytes)
+        frame = read_raw(
+            raw.path,
+            sha256=raw.sha256,
+            size_bytes=raw.size_bytes,
+            most_samples=self._most_samples,
+        )
         if frame.iso and frame.iso != settings.iso:
             raise ExposureError(
                 f"{shown} was taken at ISO {frame.iso}, not {settings.iso}",

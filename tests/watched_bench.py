@@ -51,7 +51,9 @@ class Script(VirtualClock):
 class WatchedBench:
     """A folder that is watched, one for the run, and the readout between them."""
 
-    def __init__(self, root: Path, f_number: float | str = 8.0, **options: Any) -> None:
+    def __init__(
+        self, root: Path, f_number: float | str = 8.0, profile: str = "modern", **options: Any
+    ) -> None:
         self.card, self.run = root / "card", root / "run"
         self.card.mkdir()
         self.run.mkdir()
@@ -60,6 +62,7 @@ class WatchedBench:
         """Called with each sign of life; what it raises ends the wait, as a cancel does."""
         camera = CameraConfig(
             f_number=f_number,  # type: ignore[arg-type]
+            profile=profile,
             responsivity_e=(1.0, 2.0, 3.0),
             options={"folder": str(self.card), **options},
         )

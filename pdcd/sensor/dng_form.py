@@ -23,6 +23,9 @@ PLAIN, JPEG, DEFLATE = (1,), (7,), (8, 32946)
 """Numbers of the ways to pack samples that are read."""
 _CFA, _LINEAR = 32803, 34892
 _COLOURS = "RGBCMYW"
+_HEADER_BYTES = 8
+_MOST_PIECES = 2**16
+"""A strip for each row is the most that anybody writes."""
 _PACKINGS = {9: "VC-5", 34892: "lossy JPEG", 52546: "JPEG XL", 5: "LZW", 32773: "PackBits"}
 _REPACK = "set the camera or the converter to a DNG with lossless JPEG, or an uncompressed one"
 
@@ -86,6 +89,9 @@ def read_dng_form(tags: TiffTags, name: str) -> DngForm | None:
         raise make_packed(name, _PACKINGS.get(packing, f"number {packing}"))
     if any({*read_numbers(main, tag)} - {1} for tag in tiff.INTERLEAVES):
         raise make_packed(name, "its rows, columns or blocks in another order")
+    pieces = _list_pieces(main, shape, name)
+    if packing in JPEG and len(pieces) > 1 and tiff.TILE_WIDTH not in main:
+        raise make_packed(name, "lossless JPEG in several strips")
     bits, kind = _one(main, tiff.BITS, 16), _one(main, tiff.SAMPLE_FORMAT, 1)
     floating, predictor = kind == 3, _one(main, tiff.PREDICTOR, 1)
     real = bits in (16, 24, 32) and packing not in JPEG and predictor in (1, 3, 34894, 34895)
@@ -106,7 +112,7 @@ def read_dng_form(tags: TiffTags, name: str) -> DngForm | None:
         packing=packing,
         predictor=predictor,
         order=tags.order,
-        pieces=_list_pieces(main, shape, name),
+        pieces=pieces,
         table=() if floating else read_numbers(main, tiff.LINEARIZATION),
         active=active,
         colours=colours,
@@ -213,9 +219,11 @@ def _list_pieces(main: TiffDirectory, shape: tuple[int, int], name: str) -> tupl
         rows, columns = min(_one(main, tiff.ROWS_PER_STRIP, height), height), width
         offsets, sizes = (read_numbers(main, t) for t in (tiff.STRIP_OFFSETS, tiff.STRIP_BYTES))
     count = math.ceil(height / rows) * math.ceil(width / columns) if rows and columns else 0
-    if not count or len(offsets) < count or len(sizes) < count:
+    if not 0 < count <= _MOST_PIECES or len(offsets) < count or len(sizes) < count:
         said = f"{len(offsets)} places and {len(sizes)} lengths of {count} strips or tiles"
         raise _contradiction(name, said)
+    if min(offsets[:count]) < _HEADER_BYTES:  # as of a writer that puts in places at the end
+        raise _contradiction(name, "samples at the place of its header")
     pieces = []
     across = math.ceil(width / columns)
     for number in range(count):

@@ -32,6 +32,7 @@ from pdcd.sensor.dng_form import (
     PLAIN,
     DngForm,
     describe_mosaic,
+    make_packed,
     make_unreadable,
     read_dng_form,
 )
@@ -40,6 +41,7 @@ from pdcd.sensor.proof import decode_proven
 from pdcd.sensor.tiff import TiffTags, read_tags
 from pdcd.sensor.whole import RawData, check_whole
 
+_BIG_TIFF = (b"II+\0", b"MM\0+")
 _LIBRAW_MIN_SIDE = 22
 _CANON_GUARD = 2
 """Columns at either edge of a Canon's left border that are not used: dcraw leaves them out, too."""
@@ -109,6 +111,8 @@ def open_raw(data: bytes, name: str) -> Iterator[RawInput]:
 
     For `read_raw` and `read_raw_head`. Raises DecodeError; LibRaw's own errors within become such.
     """
+    if data.startswith(_BIG_TIFF):
+        raise make_packed(name, "places of 64 bits (BigTIFF)")
     tags = read_tags(data)
     found = check_whole(data, tags, name)
     form = None if tags is None else read_dng_form(tags, name)

@@ -25,6 +25,8 @@ was taken off."""
 _FEW_BYTES = 64
 """Of a part, to see whether it may be all zeros."""
 _JPEG_START, _JPEG_END, _JPEG_SCAN, _LOSSLESS = b"\xff\xd8", b"\xff\xd9", 0xDA, 0xC3
+_MOST_SEGMENTS = 1000
+"""Before the samples; real ones have three."""
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
@@ -70,14 +72,17 @@ def check_lossless_jpeg(data: bytes, samples: int, where: str, name: str) -> Non
     A decoder leaves what a missing frame does not fill as it was in memory. Raises DecodeError.
     """
     at = 2 if data.startswith(_JPEG_START) else len(data)
-    held = 0
+    held = segments = 0
     while at + 9 < len(data) and data[at] == 0xFF and data[at + 1] != _JPEG_SCAN:
+        if segments == _MOST_SEGMENTS:
+            break
         if data[at + 1] in _FRAMES:
             rows, columns = (int.from_bytes(data[i : i + 2], "big") for i in (at + 5, at + 7))
             held = rows * columns * data[at + 9]
             if data[at + 1] != _LOSSLESS:
                 raise make_packed(name, "lossy JPEG")
         at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+        segments += 1
     if data[at : at + 2] != bytes((0xFF, _JPEG_SCAN)) or held < samples:
         raise _absent(name, f"{where} is no lossless JPEG of {samples} samples")
     if data.rfind(_JPEG_END) < at:

@@ -161,6 +161,12 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return tuple(row.iso for row in self.rows)
 
     @property
+    def samples(self) -> int:
+        """Of a full-size photo; 0 where that is not known."""
+        width, height = self.frame_quads or (0, 0)
+        return width * height * (1 if self.colours == 1 else 4)
+
+    @property
     def largest_photo_bytes(self) -> int:
         """What a RAW file of this sensor cannot be longer than: two bytes for each sample and as
         much again for masked borders and a second plane, beside pictures to look at."""

@@ -174,6 +174,7 @@ def read_raw(
     sha256: str | None = None,
     size_bytes: int | None = None,
     saturation_dn: float | None = None,
+    most_samples: int | None = None,
     data: bytes | None = None,
 ) -> RawFrame:
     """Decode a RAW file of a camera with a 2x2 Bayer mosaic, or without colours.
@@ -191,6 +192,8 @@ def read_raw(
     saturation_dn
         Signal in DN above black from which a sample counts as saturated
         (`SensorProfile.saturation_dn`); the file's white level counts in any case.
+    most_samples
+        More of a sensor are not unpacked: a small file may hold gigabytes of one and the same.
     data
         What is in the file, where it is in memory alone and `path` is only its name.
 
@@ -202,6 +205,14 @@ def read_raw(
     """
     data = _read_checked(path, sha256, size_bytes, data)
     with open_raw(data, path.name) as raw:
+        sizes = raw.libraw.sizes
+        rows, columns = raw.form.shape if raw.form else (sizes.raw_height, sizes.raw_width)
+        if most_samples is not None and rows * columns > most_samples:
+            raise DecodeError(
+                f"cannot decode {raw.name}: it has {columns} x {rows} samples, more than the "
+                f"{most_samples} allowed",
+                hint="is camera.profile that of this body?",
+            )
         mosaic = read_mosaic(raw)
         frame = _with_clipped_samples(_frame(raw, mosaic, saturation_dn))
         odd = _check_frame(raw, mosaic, frame)

@@ -43,6 +43,10 @@ _LEVELS = frozenset({BLACK_LEVEL, BLACK_DELTA_H, BLACK_DELTA_V, WHITE_LEVEL, F_N
 _ASCII = 2
 _MAX_DIRECTORIES = 64
 """Real files have fewer than ten; a damaged one may chain them without end."""
+_MOST_ENTRIES, _MOST_NUMBERS = 2**10, 2**20
+"""Of a directory, and in all tags that are kept: real ones have some hundred, and the places and
+lengths of some thousand strips. A file that speaks of more would be read for hours, or into
+gigabytes: all of them can point to the same bytes."""
 _NOWHERE = 0xFFFFFFFF
 """A place that another tag tells."""
 _RW2 = b"IIU\0"
@@ -118,16 +122,19 @@ def read_tags(data: bytes) -> TiffTags | None:
     if canon:
         ahead.append((_number(order, data, 12), True))  # the directory of the RAW image
     seen: set[int] = {0}
+    left = _MOST_NUMBERS
     while ahead and len(found) < _MAX_DIRECTORIES:
         start, chained = ahead.pop(0)
         if start in seen:
             continue
         seen.add(start)
-        directory, end, after = _directory(order, data, start)
+        directory, end, after = _directory(order, data, start, left)
+        left -= sum(map(len, directory.values()))
         found.append(directory)
         needs = max(needs, end)
         for tag in (_EXIF, _SUB):
-            ahead.extend((below, False) for below in read_numbers(directory, tag))
+            below = read_numbers(directory, tag)[:_MAX_DIRECTORIES]
+            ahead.extend((start, False) for start in below)
         if chained:
             ahead.append((after, True))
     return TiffTags(tuple(found), needs, canon, order)
@@ -147,8 +154,9 @@ def read_reals(directory: TiffDirectory, tag: int) -> tuple[float, ...]:
     return read_numbers(directory, tag)
 
 
-def _directory(order: str, data: bytes, start: int) -> tuple[TiffDirectory, int, int]:
-    """One directory: its tags, the end of what it speaks of, and where the next one is (or 0)."""
+def _directory(order: str, data: bytes, start: int, most: int) -> tuple[TiffDirectory, int, int]:
+    """One directory: its tags with so many numbers at most, the end of what it speaks of, and where
+    the next one is (or 0)."""
     directory: TiffDirectory = {}
     if start + 2 > len(data):
         return directory, len(data) + 1, 0
@@ -156,6 +164,8 @@ def _directory(order: str, data: bytes, start: int) -> tuple[TiffDirectory, int,
     end = start + 2 + 12 * entries + 4
     if end > len(data):
         return directory, end, 0
+    if entries > _MOST_ENTRIES:
+        return directory, len(data) + 1, 0
     for entry in range(start + 2, end - 4, 12):
         tag, kind, count = struct.unpack_from(order + "HHI", data, entry)
         size = count * _BYTES.get(kind, 0)
@@ -163,6 +173,8 @@ def _directory(order: str, data: bytes, start: int) -> tuple[TiffDirectory, int,
         end = max(end, at + size)
         if tag not in _KEPT or at + size > len(data):
             continue
+        if (most := most - count) < 0:
+            return directory, len(data) + 1, 0
         if kind == _ASCII:
             directory[tag] = data[at : at + size].split(b"\0")[0].decode("ascii", "replace").strip()
         elif kind in (_REALS if tag in _LEVELS else _NUMBERS):

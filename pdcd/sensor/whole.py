@@ -31,6 +31,8 @@ _RW2_BLOCKS = {4: (14, 14), 5: (10, 9), 6: (14, 11), 7: (10, 9)}
 """Samples in 16 bytes by RW2's number of its way to pack them: of 12 bits, and of more. Those of
 5 fill up the last bytes of a row, others leave them out."""
 _EXIF_REACH = 1 << 20
+_MOST_BOXES = 1000
+"""Of a CR3, which has a dozen."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +56,12 @@ def check_whole(data: bytes, tags: TiffTags | None, name: str) -> RawData:
     tags : what `read_tags` makes of it. For `pdcd.sensor.mosaic`, before it looks at anything else.
     """
     found, needs = _find_parts(data, tags)
+    hint = "fetch it from the camera again"
     if needs > len(data):
-        raise DecodeError(
-            f"cannot decode {name}: it is not whole, {len(data)} bytes of {needs}",
-            hint="fetch it from the camera again",
-        )
+        why = f"it is not whole, {len(data)} bytes of {needs}"
+        raise DecodeError(f"cannot decode {name}: {why}", hint=hint)
+    if why := _find_overlap(data, tags):
+        raise DecodeError(f"cannot decode {name}: {why}", hint=hint)
     for offset, size in found.jpegs:
         check_lossless_jpeg(data[offset : offset + size], 1, "its image", name)
     return found
@@ -76,13 +79,24 @@ def find_gap(data: bytes) -> str:
     found, needs = _find_parts(data, tags)
     if needs > len(data):
         return f"it has {len(data)} bytes and speaks of {needs}"
+    if why := _find_overlap(data, tags):
+        return why
     parts = list(found.parts) or [(0, len(data))]
     tiff_parts = tags is not None and found.sure
     if tags is not None and tiff_parts:  # previews, too
-        parts = [part for directory in tags.directories for part in _list_parts(directory)]
+        parts = sorted({*_list_all_parts(tags)})
     for offset, size in parts:
         if why := _find_zeros(data[offset : offset + size], _END_BYTES if tiff_parts else 0):
             return why
+    return ""
+
+
+def _find_overlap(data: bytes, tags: TiffTags | None) -> str:
+    """Whether strips or tiles lie over each other, in words: a small file would have samples
+    without end, each of which is read. A preview may be told of twice."""
+    images = {tuple(_list_parts(directory)) for directory in tags.directories} if tags else ()
+    if sum(size for image in images for _, size in image) > 2 * len(data):
+        return "its strips or tiles lie over each other"
     return ""
 
 
@@ -169,6 +183,10 @@ def _list_parts(directory: TiffDirectory) -> list[tuple[int, int]]:
     ]  # fmt: skip
 
 
+def _list_all_parts(tags: TiffTags) -> list[tuple[int, int]]:
+    return [part for directory in tags.directories for part in _list_parts(directory)]
+
+
 def _find_rw2(data: bytes, tags: TiffTags) -> tuple[RawData, int]:
     """Of an RW2: packed so that each sample takes as many bits, except by the newest cameras."""
 
@@ -177,8 +195,7 @@ def _find_rw2(data: bytes, tags: TiffTags) -> tuple[RawData, int]:
 
     offset = one(tiff.RW2_DATA)
     if not offset:
-        parts = [part for directory in tags.directories for part in _list_parts(directory)]
-        return RawData(tuple(parts), packed=True, sure=False), 0
+        return RawData(tuple(_list_all_parts(tags)), packed=True, sure=False), 0
     way, width = one(tiff.RW2_FORMAT, 4), one(tiff.RW2_WIDTH)
     many = _RW2_BLOCKS.get(way, (width + 1,) * 2)[0 if one(tiff.RW2_BITS, 12) <= 12 else 1]
     needs = one(tiff.RW2_HEIGHT) * ((width + many - 1 if way == 5 else width) // many) * 16
@@ -205,7 +222,9 @@ def _find_other(data: bytes) -> tuple[RawData, int]:
 def _list_boxes(data: bytes) -> Iterator[tuple[bytes, int, int]]:
     """Kind, place and length of each box, as far as there is one."""
     at = 0
-    while at < len(data):
+    for _ in range(_MOST_BOXES):
+        if at >= len(data):
+            return
         if at + 8 > len(data):
             yield b"", at, 8
             return
@@ -218,3 +237,4 @@ def _list_boxes(data: bytes) -> Iterator[tuple[bytes, int, int]]:
             return
         yield kind, at, size
         at += size
+    yield b"", len(data), 1

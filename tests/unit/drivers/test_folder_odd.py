@@ -8,11 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from pdcd.bench.patience import Patience
 from pdcd.errors import Cancelled, DecodeError, ExposureError, PdcdError, to_error_fields
 from pdcd.files.text import encode_json
+from tests.form_dng import LONG, DngFile, write_dng_form
 from tests.watched_bench import DNG, Script, WatchedBench, dng
 
 pytestmark = pytest.mark.timeout(60)  # a pipe that is opened to be read blocks for good
@@ -130,6 +132,18 @@ def test_a_file_larger_than_a_photo_is_not_read(bench: WatchedBench) -> None:
     with pytest.raises(DecodeError, match=r"a\.dng: it has 64424509440 bytes, more than the"):
         bench.fetch(2.0)
     assert bench.nothing_was_kept() and bench.signs < 1000
+
+
+def test_more_samples_than_its_sensor_has_are_not_unpacked(tmp_path: Path) -> None:
+    """Of deflated zeros: a few kilobytes are gigabytes of samples."""
+    bench = WatchedBench(tmp_path, profile="450d")
+    more = {257: (LONG, [9000]), 278: (LONG, [9000])}
+    file = DngFile(bits=16, floating=True, packing=8, white=1, black=((0.0,),), more=more)
+    data = write_dng_form(tmp_path / "huge", np.full((2, 9000), 0.5), file)
+    bench.arm()
+    bench.put("a.dng", data)
+    with pytest.raises(DecodeError, match="9000 x 9000 samples, more than the"):
+        bench.fetch(2.0)
 
 
 # Data that come late.

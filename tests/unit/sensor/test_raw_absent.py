@@ -228,6 +228,9 @@ def test_rows_of_zeros_where_black_is_zero(tmp_path: Path) -> None:
         ({50714: (RATIONAL, [1, 0])}, "a level that is no number"),
         ({50717: (LONG, [200])}, "black at 256 DN and white at 200 DN"),
         ({256: (LONG, [0])}, "an image of 0 x 128 samples"),
+        ({273: (LONG, [0])}, "samples at the place of its header"),
+        ({50717: (RATIONAL, [4095, 0])}, "a level that is no number"),
+        ({50713: (SHORT, [0, 0])}, "1 black levels for 0 x 0 places"),
     ],
 )
 def test_numbers_that_contradict_each_other(
@@ -429,6 +432,8 @@ def test_a_border_with_a_picture_on_it_is_not_dark(tmp_path: Path) -> None:
         ({50975: (SHORT, [2])}, "packed with its rows, columns or blocks in another order"),
         ({52547: (LONG, [2])}, "packed with its rows, columns or blocks in another order"),
         ({258: (SHORT, [32])}, "32-bit samples of format 1"),
+        ({259: (SHORT, [7]), 278: (LONG, [64]), 273: (LONG, [8] * 2), 279: (LONG, [9] * 2)},
+         "packed with lossless JPEG in several strips"),
     ],
 )  # fmt: skip
 def test_whole_files_are_called_what_they_are(
