@@ -3,7 +3,8 @@
 # make web: the page for the bench, in a browser. make notebook: the tutorial, in Jupyter.
 # make test-slow: whole captures with photos of a 450D's size, by three drivers; minutes.
 # make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
-.PHONY: demo web notebook test test-whole test-long test-slow test-systemd lint bench soak mutants goldens strangers clean
+# make test-docs: README, tutorial and installation in bare Debians, where there is debootstrap, too.
+.PHONY: demo web notebook test test-whole test-long test-slow test-systemd test-docs lint bench soak mutants goldens strangers clean
 
 # Processes start often here; each would compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -52,6 +53,10 @@ test-slow:
 test-systemd:
 	@.ci/setup systemd
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 0 -rs tests/running_systemd
+
+test-docs:
+	@.ci/setup docs
+	.venv/bin/python -m tests.docs
 
 lint:
 	@.ci/setup dev

@@ -152,13 +152,18 @@ THINGS: Mapping[str, Thing] = {
     "git": _versioned("git", "git", r"^git version"),
     "jq": _versioned("jq", "jq", r"^jq-\d"),
     "systemd-nspawn": _systemd("systemd-nspawn", "systemd-container"),
+    "debootstrap": _versioned("debootstrap", "debootstrap", r"^debootstrap \d"),
+    "unshare": _versioned("unshare", "util-linux", r"^unshare from util-linux"),
     "nsenter": _versioned("nsenter", "util-linux", r"^nsenter from util-linux"),
     "setpriv": _versioned("setpriv", "util-linux", r"^setpriv from util-linux"),
 }
 
-APART: Mapping[str, tuple[str, ...]] = {"systemd": ("systemd-nspawn",)}
-"""Things that only a target of its own asks for: `make test-systemd`. `.ci/setup systemd` brings
-them, `.ci/setup dev` does not."""
+APART: Mapping[str, tuple[str, ...]] = {
+    "systemd": ("systemd-nspawn",),
+    "docs": ("systemd-nspawn", "debootstrap"),
+}
+"""Things that only a target of its own asks for: `make test-systemd`, `make test-docs`. `.ci/setup
+systemd` brings them, `.ci/setup dev` does not."""
 
 
 @dataclass(frozen=True)

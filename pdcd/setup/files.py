@@ -80,8 +80,10 @@ def _install_lines(proposal: BenchProposal, folder: Path) -> Iterator[str]:
     if proposal.modes is not None:
         yield f"apt-get install -y {_DEBIAN}"
     if (SOURCE_ROOT / "pyproject.toml").is_file():
-        yield f"python3 -m venv {_VENV}"
-        yield f"{_VENV}/bin/pip install {shlex.quote(str(SOURCE_ROOT))}"
+        # Debian's python3 alone makes none with a pip.
+        yield f"python3 -m venv --without-pip {_VENV}"
+        pip = f"python3 -m pip --python {_VENV}/bin/python"
+        yield f"{pip} install {shlex.quote(str(SOURCE_ROOT))}"
     else:
         yield f"# pdcd itself is expected in {_VENV}: install it there as it was installed here."
     yield f"install -Dm644 {units}/pdcd.sysusers.conf /usr/lib/sysusers.d/pdcd.conf"

@@ -306,7 +306,8 @@ def test_dates_may_be_two_seconds_off_and_any_where_that_is_allowed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before_s: float, check: bool, taken: bool
 ) -> None:
     monkeypatch.setattr("time.time_ns", lambda: 1_700_000_000 * 10**9)
-    bench = Bench(tmp_path, **({} if check else {"check_date": False}))
+    options: dict[str, Any] = {} if check else {"check_date": False}
+    bench = Bench(tmp_path, **options)
     bench.arm()
     bench.put("a.dng")
     at_ns = 1_700_000_000 * 10**9 - round(before_s * 1e9)
