@@ -34,7 +34,7 @@ _MEMORY, _LEAST_FREE_BYTES = "/dev/shm", 8 << 30
 _SYS_ADMIN = 21
 """Bit of CAP_SYS_ADMIN, which a container's root lacks."""
 _NOISE = re.compile(r"Attempted to remove disk file system|Container \S+ terminated by signal KILL")
-"""What nspawn says where /run is no memory file system, and where it ended what was still running."""
+"""What nspawn says where /run is no memory file system, and where it ended what still ran."""
 _CODE = "=== ended with "
 _SCRIPT = f"exec 2>&1\ntrap 'echo \"{_CODE}$?\"' EXIT\n{{}}"
 _HANDED = re.compile(
