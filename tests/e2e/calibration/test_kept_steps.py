@@ -244,4 +244,4 @@ def test_what_does_not_fit_stops_no_capture_and_is_told_of(
     assert main(["config", "check", "--config", str(path)]) == 0
     assert f"{name}, 0.0 days old" in capsys.readouterr().out
     assert main(["calibrate", "use", name, "--config", str(other)]) == 2
-    assert "its camera has 300 x 200 quads, and this one" in capsys.readouterr().err
+    assert "its camera has 300 x 200 pixels, and this one" in capsys.readouterr().err

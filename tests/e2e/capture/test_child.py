@@ -351,8 +351,12 @@ def test_without_a_plan_there_is_no_work(engine: Engine) -> None:
     child.do(Watch(), Worker.plan, REQUEST, {}, None, None)
     with pytest.raises(PdcdError, match="no run folder"):
         child.do(Watch(), Worker.develop)
+
+    def stranger(worker: Worker, watch: Watch) -> None:
+        pass
+
     with pytest.raises(PdcdError, match="no work is called"):
-        child.do(Watch(), Worker.forget)
+        child.do(Watch(), stranger)
 
 
 def test_ten_deaths_leave_no_descriptor_and_no_process_behind(tmp_path: Path) -> None:

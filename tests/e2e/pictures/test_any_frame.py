@@ -21,7 +21,7 @@ from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
-from pdcd.sensor import raw
+from pdcd.sensor import shelf
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw
 from tests import bench_rig
@@ -120,7 +120,7 @@ def test_shots_of_another_camera_or_orientation_are_refused(
             first = path.name == Path(record.shots[0].raw).name
             return frame if first else replace(frame, **change)
 
-        monkeypatch.setattr(raw, "read_raw", second)
+        monkeypatch.setattr(shelf, "read_raw", second)
         with pytest.raises(DecodeError, match="orientation"):
             Darkroom(folder, record).decoded()
 

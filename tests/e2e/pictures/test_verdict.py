@@ -25,7 +25,7 @@ from pdcd.bench.tables import (
     RigConfig,
     SceneConfig,
 )
-from pdcd.panels.frames import Frames
+from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import Patterns, pack_bits
 from pdcd.panels.placing import Placing
 from pdcd.protocol.result import Quality
@@ -49,20 +49,14 @@ def moved(patterns: Patterns, shape: tuple[int, int], move: Move) -> Patterns:
 
 def misplace(monkeypatch: pytest.MonkeyPatch, panel: str, move: Move) -> None:
     """The bench shows patterns (K, rows, cols) of a panel otherwise than its driver believes."""
-    photo = MockBench.photo
+    photo = MockBench._photo
 
-    def wrongly(bench: MockBench) -> NDArray[np.float64]:
-        asked: Frames | None = bench.frames
-        if asked is not None:
-            field = f"{panel}_patterns"
-            shown: Any = {field: moved(getattr(asked, field), asked.lattice, move)}
-            bench.frames = replace(asked, **shown)
-        try:
-            return photo(bench)
-        finally:
-            bench.frames = asked
+    def wrongly(bench: MockBench, asked: Frames, log: FrameLog) -> NDArray[np.float64]:
+        field = f"{panel}_patterns"
+        shown: Any = {field: moved(getattr(asked, field), asked.lattice, move)}
+        return photo(bench, replace(asked, **shown), log)
 
-    monkeypatch.setattr(MockBench, "photo", wrongly)
+    monkeypatch.setattr(MockBench, "_photo", wrongly)
 
 
 def verdict(folder: Path, *, camera: dict[str, Any] | None = None, **asked: Any) -> Quality:
