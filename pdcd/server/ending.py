@@ -53,7 +53,7 @@ class Ending:
             engine.break_off()
 
     def begin(self) -> None:
-        """The daemon is to end. Returns at once; for signal handlers, and as often as they like."""
+        """The daemon is to end. Returns at once; called once, from a signal handler."""
         os.write(self._tell, _NOW)
 
     def close(self) -> None:
@@ -89,18 +89,20 @@ def catch_end(told: Callable[[], object]) -> Iterator[Ending]:
 
     def handle(_number: int, _frame: object) -> None:
         nonlocal came
-        came = True
-        ending.begin()
-        told()
+        if not came:  # what a handler raises would end whatever the main thread is at
+            came = True
+            ending.begin()
+            told()
 
     before = {number: signal.signal(number, handle) for number in list_end_signals()}
     keeper = _start_keeper()
     try:
         yield ending
     finally:
-        if not came:  # else it holds until this process is no more
-            for number, handler in before.items():
-                signal.signal(number, handler)
+        for number, handler in before.items():
+            # Nothing cuts the end of the interpreter short, where handlers hold no longer.
+            signal.signal(number, signal.SIG_IGN if came else handler)
+        if not came:  # else it sees to the end until this process is no more
             if keeper is not None:
                 signal.set_wakeup_fd(-1)
                 keeper.hang_up(SAFE_S)

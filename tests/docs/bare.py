@@ -153,13 +153,13 @@ def unpacked(release: Release) -> Iterator[BareRoot]:
         folder.chmod(0o755)
         _call("tar", "-x", "--numeric-owner", "-f", str(archive), "-C", str(folder))
         root = BareRoot(release, folder)
-        tree = subprocess.run(
-            ["git", "-C", str(ROOT), "archive", "HEAD"], stdout=subprocess.PIPE, check=True
-        ).stdout
+        words = [program("git"), "-C", str(ROOT), "archive", "HEAD"]
+        tree = subprocess.run(words, stdout=subprocess.PIPE, check=True).stdout
         made = root.run(f"useradd --create-home reader && install -d {TREE}", limit_s=60, root=True)
         if made.code:
             raise NoRootError(made.said)
-        subprocess.run(["tar", "-x", "-C", str(root.tree)], input=tree, check=True)
+        words = ["tar", "-x", "-C", str(root.tree)]
+        subprocess.run(words, input=tree, check=True)
         made = root.run(f"chown -R reader: {HOME}", limit_s=60, root=True)
         if made.code:
             raise NoRootError(made.said)
@@ -234,10 +234,8 @@ def _wait(process: subprocess.Popen[bytes], limit_s: float) -> int:
 def _find_mirror() -> str:
     """Where this machine's apt gets Debian from."""
     with suppress(OSError):
-        listed = subprocess.run(
-            ["apt-get", "indextargets", "--format", "$(REPO_URI)"],
-            stdout=subprocess.PIPE, text=True, check=False,
-        ).stdout  # fmt: skip
+        words = ["apt-get", "indextargets", "--format", "$(REPO_URI)"]
+        listed = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=False).stdout
         for address in listed.split():
             if re.search(r"/debian/?$", address):
                 return address
