@@ -218,6 +218,8 @@ def trial(bench: Bench, seconds: float) -> Outcome:
     with _page(path, bench.state) as (port, head), Daemon(bench) as daemon:
         outcome = _watched(daemon, path, port, head, seconds)
     outcome.beat_s = daemon.gap_s
+    traces = (bench.folder / "log").read_text().split("Traceback (most recent call last)")[1:]
+    outcome.failed += [f"a fault of the program in its log: ...{trace[:1000]}" for trace in traces]
     outcome.lit = tuple(look() if look else False for look in (bench.lit, bench.is_open))
     return outcome
 

@@ -19,6 +19,8 @@ import cv2
 import numpy as np
 
 Random = random.Random
+MOST_CELLS = 400
+"""Whose transport takes a megabyte, and not the machine."""
 Content = Callable[[Random, tuple[int, int]], bytes]
 
 VALUES = (0.0, 1.0, 0.5, -1.0, 2.0, 1e300, -1e300, 5e-324, 1e-300, np.nan, np.inf, 1e18, 0.1)
@@ -123,8 +125,8 @@ def _crowd() -> bytes:
 
 
 def transport(rng: Random, shape: tuple[int, int]) -> bytes:
-    """A prior, sound or not."""
-    cells = shape[0] * shape[1]
+    """A prior, sound or not; of a matrix in its place a small one."""
+    cells = min(shape[0] * shape[1], MOST_CELLS)
     stored: dict[str, Any] = {"transport": np.ones((cells, cells)), "grid": np.array(shape)}
     if rng.random() < 0.5:
         stored["grid"] = rng.choice(
