@@ -63,8 +63,9 @@ _LONGEST_S = 1e6
 _POLLS = 20
 _CALL_S = 120.0
 """Longest that anything but a photo's way home may take, whatever the camera answers."""
-_LEAVE_S, _CLOSE_S = 5.0, 1.0
-"""What a camera gets to be left in order, and to close though it does nothing else."""
+_LEAVE_S, _CLOSE_S, _LAST_CLOSE_S = 5.0, 1.0, 0.5
+"""What a camera gets to be left in order, to close once all tries have taken their time, and to
+close though it does nothing else, which may be after a cancel."""
 _CLOSING_S = 10.0
 """Longest that all tries together to close one exposure may keep anybody waiting."""
 MOST_PHOTO_B = 1 << 30
@@ -400,7 +401,7 @@ class EosCamera(Told):
             with (
                 suppress(PdcdError),
                 self.patience.deaf(),
-                self.patience.within(_CLOSE_S, _give_way),
+                self.patience.within(_LAST_CLOSE_S, _give_way),
             ):
                 self._begin_closed()
             raise

@@ -161,6 +161,28 @@ def test_a_cancel_is_heard_within_a_second(what: str, after_s: float, tmp_path: 
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.parametrize("late_s", [0.4, 1.2])
+@pytest.mark.parametrize("after_s", [0.5, 3.0, 4.0])
+def test_a_cancel_is_heard_within_a_second_while_a_session_begins(
+    late_s: float, after_s: float
+) -> None:
+    """A shutter that another program left open is still closed, if the camera has half a second."""
+    rig = PtpRig(body=HostileBody, usb=HostileUsb)
+    rig.connect()
+    rig.camera.session.close()
+    assert isinstance(rig.body, HostileBody) and isinstance(rig.usb, HostileUsb)
+    rig.body.mood, rig.usb.late_s = "late", late_s
+    begun_ns = rig.clock.now_ns()
+
+    def look() -> None:
+        rig.job.cancelled = rig.clock.now_ns() >= begun_ns + after_s * SECOND_NS
+
+    rig.job.on_look = look
+    with pytest.raises(Cancelled):
+        rig.camera.open("readout")
+    assert rig.clock.now_ns() - begun_ns <= (after_s + 1.0) * SECOND_NS
+
+
 def test_what_was_cancelled_does_not_spoil_the_next_exposure(tmp_path: Path) -> None:
     rig = PtpRig()
     rig.connect()
