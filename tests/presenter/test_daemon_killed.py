@@ -153,6 +153,7 @@ def test_a_killed_daemon_leaves_black_panels_and_a_closed_shutter(
     x11_rig.assert_dark_in_time(lit_s)
 
 
+@pytest.mark.whole
 def test_a_killed_presenter_leaves_black_panels_a_closed_shutter_and_a_daemon(
     tmp_path: Path, x_quarter: XServer, box: Box
 ) -> None:

@@ -155,6 +155,7 @@ def warnings_of(result: CaptureResult) -> str:
     return str(json.loads((Path(result.folder) / "capture.json").read_text())["warnings"])
 
 
+@pytest.mark.whole
 def test_policy_abort_takes_the_exposure_again(tmp_path: Path, x_quarter: XServer) -> None:
     result = capture(tmp_path, x_quarter, "abort", 1)
     assert result.state == "done", result.error
@@ -184,6 +185,7 @@ def test_policy_balance_evens_the_codes_in_the_same_exposure(
     assert isinstance(refreshes, int) and refreshes >= 36 + 1 + 30
 
 
+@pytest.mark.whole
 def test_policy_flag_keeps_and_tells(tmp_path: Path, x_quarter: XServer) -> None:
     result = capture(tmp_path, x_quarter, "flag", 0)
     assert result.state == "done", result.error

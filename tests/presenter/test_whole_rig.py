@@ -26,6 +26,7 @@ PRIMAL, DUAL = (
 )
 
 
+@pytest.mark.whole
 @pytest.mark.timeout(120)
 def test_the_photo_is_that_of_the_frame_log(tmp_path: Path, x_quarter: XServer) -> None:
     projector = PanelConfig(

@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import pytest
 
 from pdcd.bench.tables import (
     CalibrationConfig,
@@ -44,6 +45,7 @@ def capture(config: Config) -> tuple[CaptureResult, list[object]]:
     return result, events
 
 
+@pytest.mark.whole
 def test_a_mask_that_leaves_a_column_of_cells_without_pixels(tmp_path: Path) -> None:
     """12 px to the right are a column of cells and a half."""
     result, _ = capture(bench(tmp_path, place=Placing(offset_px=(12.0, 0.0))))

@@ -11,6 +11,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 STOPPED_S = 2.0
 """For which the shutter stays open beyond its time."""
 
@@ -52,6 +54,7 @@ def shoot(folder: Path, stops: int) -> tuple[dict[str, Any], list[str]]:
     return result, said
 
 
+@pytest.mark.whole
 def test_a_shot_in_which_the_process_was_stopped_is_taken_again_and_then_doubted(
     tmp_path: Path,
 ) -> None:

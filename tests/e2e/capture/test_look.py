@@ -110,6 +110,7 @@ def test_parts_get_their_black_exposures_as_they_go(tmp_path: Path) -> None:
     assert made.error < 0.1
 
 
+@pytest.mark.whole
 def test_black_exposures_last_as_long_as_what_they_belong_to(tmp_path: Path) -> None:
     """A look for mirrors that finds none changes the plan after the white photo was taken."""
     scene = SceneConfig(kind="open-book", grid=(24, 32), ambient=0.3)

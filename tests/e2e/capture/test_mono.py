@@ -103,6 +103,7 @@ def noisy(tmp_path_factory: pytest.TempPathFactory) -> Taken:
     return take(bench_rig.config(folder, camera=camera, scene=scene), codes=96)
 
 
+@pytest.mark.whole
 def test_error_bars_are_honest(noisy: Taken) -> None:
     truth = pdcd.open(noisy.folder).truth
     assert truth is not None and truth.shape == noisy.image.shape
@@ -112,6 +113,7 @@ def test_error_bars_are_honest(noisy: Taken) -> None:
     assert noisy.decodes_the_same()
 
 
+@pytest.mark.whole
 def test_dead_columns_and_stuck_pixels_spoil_nothing(tmp_path: Path) -> None:
     """A column without light, and three pixels that are white whatever they see, as of a camera
     whose own correction is off: they are left out, said, and do not set the aperture."""

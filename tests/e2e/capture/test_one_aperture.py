@@ -37,6 +37,7 @@ def factor(image: np.ndarray, truth: np.ndarray) -> float:
     return float(np.sum(image * truth) / np.sum(truth * truth))
 
 
+@pytest.mark.whole
 def test_indirect_light_beside_white_is_true_without_a_factor(tmp_path: Path) -> None:
     """One stop for all: both are off by what that stop is, which no photo can tell."""
     run = shot(tmp_path, "indirect", (24, 32))
@@ -51,6 +52,7 @@ def test_indirect_light_beside_white_is_true_without_a_factor(tmp_path: Path) ->
     assert run.summary["scale"] == "of a nominal camera" and run.scale_sigma is None
 
 
+@pytest.mark.whole
 def test_where_two_stops_are_needed_their_ratio_is_measured_and_in_sigma(tmp_path: Path) -> None:
     run = shot(tmp_path, "long-range", (12, 16), radius=3)
     own, other = run.manifest.run.stops

@@ -34,6 +34,7 @@ def check_pictures(made: Taken) -> None:
         assert relative_rms(made.picture(name)[..., 1].ravel(), truth) < 5e-3, name
 
 
+@pytest.mark.whole
 def test_direct_indirect_and_white_of_one_pair_and_two_buckets_take_half_the_time(
     tmp_path: Path,
 ) -> None:

@@ -112,6 +112,7 @@ def test_from_nothing_to_a_photo(
         assert capsys.readouterr().out.count("as it was") == 3
 
 
+@pytest.mark.whole
 def test_what_cannot_be_seen_is_asked(
     adapter: Adapter,
     x_quarter: XServer,
@@ -154,6 +155,7 @@ def press_as_told(far: int, usb: VirtualUsb, stop: threading.Event) -> None:
                     (usb.body.press if level else usb.body.release)()
 
 
+@pytest.mark.whole
 def test_a_box_on_the_port_opens_the_shutter(
     adapter: Adapter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,6 +26,7 @@ def test_without_the_extra_it_says_what_to_install(
     assert f"pdcd web needs aiohttp ({suggest_install('aiohttp')})" in capsys.readouterr().err
 
 
+@pytest.mark.whole
 @pytest.mark.timeout(90)
 def test_the_address_is_good_until_the_page_ends(tmp_path: Path) -> None:
     command = [

@@ -40,6 +40,7 @@ def photograph_by_mock(folder: Path) -> dict[str, NDArray[Any]]:
         engine.stop()
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("kills", "captures"),
     [(2, 1), pytest.param(50, 20, marks=[pytest.mark.long, pytest.mark.timeout(3600)])],
@@ -49,6 +50,7 @@ def test_no_photo_is_wrong_whatever_happens(kills: int, captures: int, tmp_path:
     assert sum(sum(ended.values()) for ended in trials.ended.values()) >= 2 * kills + 3 * captures
 
 
+@pytest.mark.whole
 def test_a_camera_that_is_restarted_while_it_is_armed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -93,6 +95,7 @@ def test_samples_that_come_otherwise_are_the_same_photos(
         assert np.array_equal(samples, expected[name] << faults.left)
 
 
+@pytest.mark.whole
 def test_other_programs_in_the_midst_of_a_capture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -36,6 +36,7 @@ REQUESTS = {
 }
 
 
+@pytest.mark.whole
 def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: Heard) -> None:
     faults = DisplayConfig(faults=FaultsConfig(dropped=(4,), exposures=2))
     events: list[Event] = []
