@@ -162,16 +162,21 @@ def _find_mosaic(tags: TiffTags, name: str) -> TiffDirectory:
     none."""
     full = [found for found in tags.directories if not _one(found, tiff.SUBFILE_TYPE, 0)]
 
-    def area(found: TiffDirectory) -> int:
-        return _one(found, tiff.IMAGE_WIDTH, 0) * _one(found, tiff.IMAGE_LENGTH, 0)
+    def size(found: TiffDirectory) -> tuple[int, int]:
+        return _one(found, tiff.IMAGE_WIDTH, 0), _one(found, tiff.IMAGE_LENGTH, 0)
 
+    of_sensor = [found for found in full if _one(found, tiff.PHOTOMETRIC, -1) in (_CFA, _LINEAR)]
     for kind in (_CFA, _LINEAR):
-        there = [found for found in full if _one(found, tiff.PHOTOMETRIC, -1) == kind]
+        there = [found for found in of_sensor if _one(found, tiff.PHOTOMETRIC, -1) == kind]
         if there:
             break
     else:
         raise _contradiction(name, "no image of a sensor")
-    main = max(there, key=area)
+    main = max(there, key=lambda found: math.prod(size(found)))
+    if sum(size(found) == size(main) for found in of_sensor) > 1:  # a decoder takes any of them
+        raise make_unreadable(
+            name, "of several full-size images", "take the RAW file of the camera"
+        )
     if kind != _CFA and _one(main, tiff.SAMPLES_PER_PIXEL, 1) != 1:
         raise make_unreadable(
             name, "a linear DNG, whose colours are made already", "take the RAW file of the camera"
@@ -241,9 +246,12 @@ class _Levels:
     main: TiffDirectory
     name: str
 
+    def _home(self, tag: int) -> TiffDirectory:
+        places = self.main, *self.tags.directories
+        return next((found for found in places if read_reals(found, tag)), self.main)
+
     def _said(self, tag: int) -> tuple[float, ...]:
-        others = (read_reals(found, tag) for found in self.tags.directories)
-        said = read_reals(self.main, tag) or next(filter(None, others), ())
+        said = read_reals(self._home(tag), tag)
         if not all(map(math.isfinite, said)):
             raise _contradiction(self.name, f"a level that is no number (tag {tag})")
         return said
@@ -258,7 +266,7 @@ class _Levels:
     def read_black(self, active: Area, doubts: list[str]) -> BlackLevels:
         """Black levels in DN. Raises DecodeError where their numbers do not fit the picture."""
         said = self._said(tiff.BLACK_LEVEL) or (0.0,)
-        rows, columns = (*read_numbers(self.main, tiff.BLACK_DIM), 1, 1)[:2]
+        rows, columns = (*read_numbers(self._home(tiff.BLACK_LEVEL), tiff.BLACK_DIM), 1, 1)[:2]
         if len(said) == 1:
             said = said * (rows * columns if 0 < rows * columns < 2**16 else 1)
         if not rows * columns or len(said) < rows * columns:

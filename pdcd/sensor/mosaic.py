@@ -36,7 +36,7 @@ from pdcd.sensor.dng_form import (
     make_unreadable,
     read_dng_form,
 )
-from pdcd.sensor.pieces import check_pieces, is_read_here, read_samples
+from pdcd.sensor.pieces import check_pieces, is_in_order, is_read_here, read_samples
 from pdcd.sensor.proof import decode_proven
 from pdcd.sensor.tiff import TiffTags, read_tags
 from pdcd.sensor.whole import RawData, check_whole
@@ -117,7 +117,7 @@ def open_raw(data: bytes, name: str) -> Iterator[RawInput]:
     found = check_whole(data, tags, name)
     form = None if tags is None else read_dng_form(tags, name)
     if form is not None:
-        check_pieces(data, form, name)
+        form = replace(form, doubts=form.doubts + check_pieces(data, form, name))
         parts = tuple((piece.offset, piece.size) for piece in form.pieces)
         found = replace(found, parts=parts, packed=form.packing not in PLAIN)
     try:
@@ -176,11 +176,11 @@ def _read_sensor(raw: RawInput) -> tuple[NDArray[np.generic], tuple[str, ...]]:
     form, data = raw.form, raw.data
     sizes = raw.libraw.sizes
     own = form is not None and is_read_here(form)
-    if form is not None and form.floating:
+    if form is not None and _is_own_alone(form):
         return read_samples(data, form, raw.name), ()
     model = raw.tags.text(tiff.MODEL) if raw.tags else ""
     shape = sizes.raw_height, sizes.raw_width
-    packing = (form.packing, form.bits) if form else ()
+    packing = (form.packing, form.bits, form.pieces[0].needed, form.table) if form else ()
     key = data[:4], model, packing, shape
     sensor = decode_proven(
         lambda: _unpack(raw),
@@ -203,6 +203,11 @@ def _read_sensor(raw: RawInput) -> tuple[NDArray[np.generic], tuple[str, ...]]:
         return sensor, ()
     said = "LibRaw reads other samples than lie in the file; those in the file are taken"
     return read_samples(data, form, raw.name), (said,)
+
+
+def _is_own_alone(form: DngForm) -> bool:
+    """Whether LibRaw reads such samples otherwise than they are: it scales real numbers."""
+    return form.floating or not is_in_order(form)
 
 
 def _find_used(raw: RawInput) -> tuple[slice, slice]:
@@ -278,7 +283,7 @@ def _of_dng(raw: RawInput, form: DngForm, sensor: NDArray[np.generic]) -> Mosaic
     black = np.array([plane.mean for plane in planes])
     even = all(plane.even for plane in planes)
     libraw_black, doubts = black, list(form.doubts)
-    if not form.floating:
+    if not _is_own_alone(form):
         numbers, theirs = _libraw_mosaic(raw, first)
         if not numbers.size or theirs != colours:
             none = "of no colours"

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -35,29 +36,56 @@ def is_read_here(form: DngForm) -> bool:
     return form.packing in PLAIN + DEFLATE
 
 
-def check_pieces(data: bytes, form: DngForm, name: str) -> None:
-    """Hold every strip and tile against the file and against the samples that it must hold.
+def is_in_order(form: DngForm) -> bool:
+    """Whether strips or tiles that are not compressed lie one behind another, as LibRaw takes for
+    granted; others are read here alone."""
+    return form.packing not in PLAIN or all(
+        piece.offset + count_plain_bytes(form, piece) == following.offset
+        for piece, following in pairwise(form.pieces)
+    )
 
-    Raises DecodeError where one lies beyond the end, is too short, is no lossless JPEG, or holds
-    zeros only while another one does not.
+
+def check_pieces(data: bytes, form: DngForm, name: str) -> tuple[str, ...]:
+    """Hold every strip and tile against the file, the others and the samples that it must hold.
+    Returns what is odd, in words.
+
+    Raises DecodeError where one lies beyond the end or over another one, is too short, is no
+    lossless JPEG, or holds zeros only while another one does not.
     """
-    empty = []
+    empty, odd = [], ""
     for number, piece in enumerate(form.pieces, 1):
         where = f"part {number} of {len(form.pieces)}"
         if piece.offset + piece.size > len(data):
             end = piece.offset + piece.size
             raise _absent(name, f"{where} ends at byte {end} of {len(data)}")
-        if form.packing in PLAIN and piece.size < (least := count_plain_bytes(form, piece)):
-            raise _absent(name, f"{where} has {piece.size} bytes, {least} are needed")
+        if form.packing in PLAIN:
+            least, said = count_plain_bytes(form, piece), f"{where} has {piece.size} bytes"
+            if piece.size < least:
+                raise _absent(name, f"{said}, {least} are needed")
+            if piece.size - least >= max(piece.needed[0], _FEW_BYTES):  # one more a row
+                odd = (
+                    odd or f"{said}, its samples take {least}: are rows or samples wider than told?"
+                )
         if form.packing in JPEG:
             check_lossless_jpeg(
-                data[piece.offset : piece.offset + piece.size], math.prod(piece.needed), where, name
+                data[piece.offset : piece.offset + piece.size],
+                math.prod(piece.needed),
+                where,
+                name,
+                columns=piece.needed[1],
             )
         elif not any(data[piece.offset : piece.offset + _FEW_BYTES]):
             there = np.frombuffer(data, np.uint8, piece.size, piece.offset)
             empty += [] if there.any() else [where]
     if 0 < len(empty) < len(form.pieces):
         raise _absent(name, f"{empty[0]} holds zeros only")
+    places = sorted(
+        (piece.offset, count_plain_bytes(form, piece) if form.packing in PLAIN else piece.size)
+        for piece in form.pieces
+    )
+    if any(at + size > following for (at, size), (following, _) in pairwise(places)):
+        raise _absent(name, "strips or tiles lie over each other")
+    return (odd,) if odd else ()
 
 
 def count_plain_bytes(form: DngForm, piece: SamplePiece) -> int:
@@ -66,25 +94,32 @@ def count_plain_bytes(form: DngForm, piece: SamplePiece) -> int:
     return rows * -(-columns * form.bits // 8)
 
 
-def check_lossless_jpeg(data: bytes, samples: int, where: str, name: str) -> None:
+def check_lossless_jpeg(
+    data: bytes, samples: int, where: str, name: str, *, columns: int = 0
+) -> None:
     """See that so many samples begin and end in lossless JPEG data.
 
-    A decoder leaves what a missing frame does not fill as it was in memory. Raises DecodeError.
+    columns : of the place that they fill, if it has any. Rows that are told otherwise fill it one
+    behind another, which takes as many samples. A decoder leaves what a missing frame does not fill
+    as it was in memory. Raises DecodeError.
     """
     at = 2 if data.startswith(_JPEG_START) else len(data)
-    held = segments = 0
+    held = segments = across = 0
     while at + 9 < len(data) and data[at] == 0xFF and data[at + 1] != _JPEG_SCAN:
         if segments == _MOST_SEGMENTS:
             break
         if data[at + 1] in _FRAMES:
-            rows, columns = (int.from_bytes(data[i : i + 2], "big") for i in (at + 5, at + 7))
-            held = rows * columns * data[at + 9]
+            rows, across = (int.from_bytes(data[i : i + 2], "big") for i in (at + 5, at + 7))
+            across *= data[at + 9]
+            held = rows * across
             if data[at + 1] != _LOSSLESS:
                 raise make_packed(name, "lossy JPEG")
         at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
         segments += 1
     if data[at : at + 2] != bytes((0xFF, _JPEG_SCAN)) or held < samples:
         raise _absent(name, f"{where} is no lossless JPEG of {samples} samples")
+    if columns and held != samples and across != columns:
+        raise _absent(name, f"{where} has rows of {across} samples, not {columns}")
     if data.rfind(_JPEG_END) < at:
         raise _absent(name, f"the lossless JPEG of {where} has no end")
 

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import rawpy
 from numpy.typing import ArrayLike, NDArray
 
 from pdcd.arrays import Floats
@@ -34,9 +35,10 @@ from pdcd.sensor.mosaic import (
     open_raw,
     read_mosaic,
 )
+from pdcd.sensor.pieces import is_read_here
 from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
 from pdcd.sensor.proof import check_hole, check_samples, check_zeros
-from pdcd.sensor.tiff import DATE_TAKEN, MODEL
+from pdcd.sensor.tiff import DATE_TAKEN, EXPOSURE_TIME, ISO, MODEL
 from pdcd.sensor.whole import find_stop_tags, measure_hole
 
 RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
@@ -49,6 +51,7 @@ WHOLE_AXIS = slice(None)
 """All rows, or all columns."""
 _NEARLY_WHITE = 0.9
 """Share of the white level from which samples may end below it."""
+_FEWER_BITS = range(8, 16)
 _FEWEST_CLIPPED, _CLIPPED_TIMES = 16, 8
 """Samples of the highest number, and times those of the next lower one, that no noise leaves."""
 
@@ -309,9 +312,7 @@ def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFra
                 saturated[rows] |= signal >= np.float32(saturation_dn)
 
     run_in_bands(height, band)
-    tags, other = raw.tags, raw.libraw.other
-    stop = find_stop_tags(raw.data, tags)
-    f_number = other.aperture if stop is None or not stop.says_f_number else stop.f_number
+    tags, (iso, exposure_s, f_number) = raw.tags, _read_exposure(raw)
     return RawFrame(
         samples=samples,
         saturated=saturated,
@@ -319,8 +320,8 @@ def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFra
         libraw_black=mosaic.libraw_black,
         masked=mosaic.masked,
         white=mosaic.white,
-        iso=round(other.iso_speed),
-        exposure_s=_single(other.shutter_speed),
+        iso=iso,
+        exposure_s=_single(exposure_s),
         f_number=_single(f_number or 0.0) or None,
         model=tags.text(MODEL) if tags else "",
         date=tags.text(DATE_TAKEN) if tags else "",
@@ -331,11 +332,29 @@ def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFra
     )
 
 
+def _read_exposure(raw: RawInput) -> tuple[int, float, float | None]:
+    """ISO, exposure time and stop. LibRaw knows where each maker has them, but not that a fraction
+    is none, and nothing of a file that it does not unpack."""
+    tags = find_stop_tags(raw.data, raw.tags)
+    try:
+        other = raw.libraw.other
+        iso, exposure_s, f_number = round(other.iso_speed), other.shutter_speed, other.aperture
+    except rawpy.LibRawError:
+        if tags is None or raw.form is None or not is_read_here(raw.form):
+            raise
+        return (*tags.numbers(ISO), 0)[0], tags.exposure_s, tags.f_number
+    if tags is not None and tags.numbers(EXPOSURE_TIME) and not tags.exposure_s:
+        exposure_s = 0.0
+    return iso, exposure_s, tags.f_number if tags and tags.says_f_number else f_number
+
+
 def _with_clipped_samples(frame: RawFrame) -> RawFrame:
     """The same where samples end a little below the white level, as 12 bits that were shifted left
-    end at 65520: of these there are far more than of the number below, and they are saturated."""
+    end at 65520, or at the highest number of fewer bits than told: of these there are far more than
+    of the number below, and they are saturated."""
     most = float(frame.samples.max(initial=0))
-    if not _NEARLY_WHITE * frame.white <= most < float(frame.white):
+    near = most >= _NEARLY_WHITE * frame.white or math.log2(most + 1.0) in _FEWER_BITS
+    if not near or most >= frame.white:
         return frame
     clipped = frame.samples == most
     next_lower = frame.samples.max(where=~clipped, initial=0)
