@@ -168,10 +168,13 @@ def _unpack(data: bytes, form: DngForm, piece: SamplePiece, name: str) -> NDArra
     inflater = zlib.decompressobj()
     try:
         plain = inflater.decompress(data[piece.offset : piece.offset + piece.size], rows * stride)
+        inflater.decompress(inflater.unconsumed_tail, 1)  # the check sum at the end
     except zlib.error as err:
         raise _absent(name, f"deflated samples: {err}") from err
     if len(plain) < rows * stride:
         raise _absent(name, f"{len(plain)} deflated bytes, {rows * stride} are needed")
+    if not inflater.eof:
+        raise _absent(name, f"the deflated samples do not end after {rows * stride} bytes")
     packed = np.frombuffer(plain, np.uint8).reshape(rows, stride)
     if form.predictor in _PLANES:
         return _join_planes(packed, form.bits // 8, _PLANES[form.predictor])
