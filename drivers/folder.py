@@ -117,7 +117,7 @@ class FolderReadout:
         self._config = config
         self._clock = clock
         self._patience = patience
-        self._folder = WatchedFolder(Path(options.folder).expanduser())
+        self._folder = WatchedFolder(_expand(options.folder))
         profile = load_profile(config.profile)
         self._isos, self._frame_quads = profile.isos, profile.frame_quads
         self._most_bytes = profile.largest_photo_bytes
@@ -408,6 +408,18 @@ class FolderReadout:
                     device="camera",
                     hint="set the lens, or camera.f_number",
                 )
+
+
+def _expand(folder: str) -> Path:
+    """A folder with a home folder for its ~. Raises ConfigError."""
+    try:
+        return Path(folder).expanduser()
+    except RuntimeError as err:
+        raise ConfigError(
+            f"camera.options: folder = {to_one_line(folder)!r}: there is no such home folder",
+            device="camera",
+            hint="write the whole path",
+        ) from err
 
 
 def _list(names: Collection[str]) -> str:

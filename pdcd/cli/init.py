@@ -4,6 +4,7 @@ what is left to do."""
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -33,6 +34,7 @@ def prepare_bench(args: argparse.Namespace) -> int:
     asks = not args.yes
     if asks and not sys.stdin.isatty():
         raise ConfigError("nobody is there to be asked", hint="say --yes to take what is proposed")
+    folder = _find_folder(args.out)
     tell_user("looking at outputs, USB, network and serial ports ...")
     facts = find_bench_facts(args.display)
     _say_facts(facts)
@@ -41,7 +43,6 @@ def prepare_bench(args: argparse.Namespace) -> int:
     if asks:
         chosen = _ask_all(facts, chosen, typed)
     made = suggest_bench(facts, chosen)
-    folder = _find_folder(args.out)
     say("")
     for text in made.why:
         say_text(text)
@@ -57,10 +58,20 @@ def prepare_bench(args: argparse.Namespace) -> int:
 
 def _find_folder(out: Path | None) -> Path:
     """Where the daemon of this user looks for its configuration, or what was typed."""
-    if out is not None:
-        return out.absolute()
-    folder = read_folder_variable("XDG_CONFIG_HOME")
-    return (folder or Path.home() / ".config") / "pdcd"
+    folder = out.absolute() if out else _find_default()
+    if folder is None:
+        raise ConfigError(
+            f"uid {os.getuid()} has no home folder for a configuration",
+            hint="say --out DIR, or set XDG_CONFIG_HOME",
+        )
+    return folder
+
+
+def _find_default() -> Path | None:
+    try:
+        return (read_folder_variable("XDG_CONFIG_HOME") or Path.home() / ".config") / "pdcd"
+    except RuntimeError:  # $HOME is not set, and uid has no entry
+        return None
 
 
 def _say_facts(facts: BenchFacts) -> None:
@@ -168,7 +179,7 @@ def _list_steps(made: BenchProposal, folder: Path, bad: Sequence[Finding]) -> It
         yield f"for rights on devices, or for the service, say: sudo sh {folder / INSTALL}"
     waits = {"X server"} if made.modes is not None else set()
     yield from (f"{f.what}: {f.hint or f.found}" for f in bad if f.what not in waits)
-    config = "" if folder == _find_folder(None) else f" --config {folder / CONFIG}"
+    config = "" if folder == _find_default() else f" --config {folder / CONFIG}"
     where = f" --socket {_SOCKET}" if made.modes is not None else f" --local{config}"
     # What counts refreshes cannot be measured where the processor draws.
     drawn = made.tables.get("display", {}).get("options", {}).get("allow_software")

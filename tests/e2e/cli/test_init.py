@@ -200,6 +200,20 @@ def test_a_machine_without_panels_gets_a_mock_bench_that_works(
     assert main(["config", "check"]) == 0
 
 
+@pytest.mark.usefixtures("adapter")
+def test_a_user_without_a_home_says_where(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for variable in ("DISPLAY", "HOME", "XDG_CONFIG_HOME"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr("os.getuid", lambda: 2**31 - 7)  # of no user that has a name
+    monkeypatch.setattr("pdcd.setup.find.DRM", tmp_path)
+    assert main(["init", "--yes"]) == 2
+    assert "uid 2147483641 has no home folder for a configuration" in capsys.readouterr().err
+    assert main(["init", "--yes", "--out", str(tmp_path / "made")]) == 0
+    assert (tmp_path / "made" / "pdcd.toml").exists()
+
+
 @needs("libusb")
 @pytest.mark.usefixtures("adapter")
 def test_a_desk_is_told_how_its_panels_become_a_service(

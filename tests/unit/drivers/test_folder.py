@@ -261,6 +261,16 @@ def test_wrong_options_are_refused(options: dict[str, Any]) -> None:
         FolderReadout.create(context)
 
 
+def test_a_home_folder_that_is_none_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a user without a name, as containers have them."""
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr("os.getuid", lambda: 2**31 - 7)
+    config = Config(camera=CameraConfig(options={"folder": "~/card"}))
+    with pytest.raises(ConfigError, match=r"'~/card': there is no such home folder") as caught:
+        FolderReadout.create(DriverContext(config=config, clock=Script()))
+    assert caught.value.hint == "write the whole path"
+
+
 @pytest.mark.parametrize(("looks", "wait_s", "taken"), [(2, 5.0, 0.5), (7, 5.0, 3.0),
                                                         (3, 1.0, 1.0), (3, 0.5, None)])  # fmt: skip
 def test_a_file_is_taken_when_so_many_looks_in_a_row_find_it_the_same(
