@@ -92,7 +92,7 @@ def read_dng_form(tags: TiffTags, name: str) -> DngForm | None:
     pieces = _list_pieces(main, shape, name)
     if packing in JPEG and len(pieces) > 1 and tiff.TILE_WIDTH not in main:
         raise make_packed(name, "lossless JPEG in several strips")
-    bits, kind = _one(main, tiff.BITS, 16), _one(main, tiff.SAMPLE_FORMAT, 1)
+    bits, kind = _one(main, tiff.BITS, 1), _one(main, tiff.SAMPLE_FORMAT, 1)
     floating, predictor = kind == 3, _one(main, tiff.PREDICTOR, 1)
     real = bits in (16, 24, 32) and packing not in JPEG and predictor in (1, 3, 34894, 34895)
     known = real if floating else 8 <= bits <= 16 and packing not in DEFLATE

@@ -96,6 +96,15 @@ def test_more_bytes_than_the_samples_take_are_told(
     assert "part 1 of 1 has {} bytes, its samples take {}".format(*told) in said[0]
 
 
+def test_samples_of_which_no_width_is_told_have_one_bit(tmp_path: Path) -> None:
+    """As TIFF has it; nobody's guess is believed."""
+    data = write_dng_form(tmp_path / "a.dng", IMAGE, DngFile())
+    place = data.index(struct.pack("<HHI", 258, 3, 1))
+    (tmp_path / "a.dng").write_bytes(data[:place] + b"\3\1\xff" + data[place + 3 :])
+    with pytest.raises(DecodeError, match="1-bit samples"):
+        read_raw(tmp_path / "a.dng")
+
+
 def test_bytes_that_fill_up_a_strip_are_no_rows(tmp_path: Path) -> None:
     write_dng_form(tmp_path / "a.dng", IMAGE, DngFile(more={279: (LONG, [64 * 72 * 2 - 72])}))
     with pytest.raises(DecodeError, match="9144 bytes, 9216 are needed"):
