@@ -30,6 +30,8 @@ noise, and packed ones end with a mark."""
 _RW2_BLOCKS = {4: (14, 14), 5: (10, 9), 6: (14, 11), 7: (10, 9)}
 """Samples in 16 bytes by RW2's number of its way to pack them: of 12 bits, and of more. Those of
 5 fill up the last bytes of a row, others leave them out."""
+_READY_MADE = 2, 6
+"""Kinds of pixels whose colours are made already."""
 _EXIF_REACH = 1 << 20
 _MOST_BOXES = 1000
 """Of a CR3, which has a dozen."""
@@ -83,8 +85,8 @@ def find_gap(data: bytes) -> str:
         return why
     parts = list(found.parts) or [(0, len(data))]
     tiff_parts = tags is not None and found.sure
-    if tags is not None and tiff_parts:  # previews, too
-        parts = sorted({*_list_all_parts(tags)})
+    if tags is not None and tiff_parts:
+        parts = sorted({*_list_filled_parts(tags)}) or parts
     for offset, size in parts:
         if why := _find_zeros(data[offset : offset + size], _END_BYTES if tiff_parts else 0):
             return why
@@ -185,6 +187,16 @@ def _list_parts(directory: TiffDirectory) -> list[tuple[int, int]]:
 
 def _list_all_parts(tags: TiffTags) -> list[tuple[int, int]]:
     return [part for directory in tags.directories for part in _list_parts(directory)]
+
+
+def _list_filled_parts(tags: TiffTags) -> Iterator[tuple[int, int]]:
+    """Those that are never zeros alone: a preview of a dark photo that is not compressed is."""
+    for directory in tags.directories:
+        packing, kind = (
+            (*read_numbers(directory, tag), 1)[0] for tag in (tiff.COMPRESSION, tiff.PHOTOMETRIC)
+        )
+        if packing not in PLAIN or kind not in _READY_MADE:
+            yield from _list_parts(directory)
 
 
 def _find_rw2(data: bytes, tags: TiffTags) -> tuple[RawData, int]:

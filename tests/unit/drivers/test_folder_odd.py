@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +15,8 @@ import pytest
 from pdcd.bench.patience import Patience
 from pdcd.errors import Cancelled, DecodeError, ExposureError, PdcdError, to_error_fields
 from pdcd.files.text import encode_json
-from tests.form_dng import LONG, DngFile, write_dng_form
+from pdcd.sensor.whole import find_gap
+from tests.form_dng import LONG, RATIONAL, DngFile, write_dng_form
 from tests.watched_bench import DNG, Script, WatchedBench, dng
 
 pytestmark = pytest.mark.timeout(60)  # a pipe that is opened to be read blocks for good
@@ -144,6 +146,31 @@ def test_more_samples_than_its_sensor_has_are_not_unpacked(tmp_path: Path) -> No
     bench.put("a.dng", data)
     with pytest.raises(DecodeError, match="9000 x 9000 samples, more than the"):
         bench.fetch(2.0)
+
+
+def with_preview(data: bytes, packing: int, preview: bytes) -> bytes:
+    """The same with one behind it, as a second directory tells."""
+    (entries,) = struct.unpack_from("<H", data, 8)
+    link, at = 8 + 2 + 12 * entries, len(data) + len(data) % 2
+    tags = [(254, 1), (256, 160), (257, 120), (259, packing), (262, 2), (273, at + 200),
+            (278, 120), (279, len(preview))]  # fmt: skip
+    more = struct.pack("<H", len(tags)) + b"".join(
+        struct.pack("<HHII", t, 4, 1, v) for t, v in tags
+    )
+    linked = data[:link] + struct.pack("<I", at) + data[link + 4 :]
+    return linked.ljust(at, b"\0") + more.ljust(200, b"\0") + preview
+
+
+def test_a_dark_photo_has_a_black_preview(bench: WatchedBench) -> None:
+    """Of zeros alone, where it is not compressed, as in an NEF or many a DNG."""
+    dark = np.random.default_rng(1).normal(256.0, 4.0, (64, 96)).round().astype(int)
+    file = DngFile(more={33437: (RATIONAL, [8, 1])})
+    plain = write_dng_form(bench.card / "old.dng", dark, file)
+    photo = with_preview(plain, 1, bytes(160 * 120 * 3))
+    bench.arm()
+    bench.put("a.dng", photo)
+    assert bench.fetch().read_bytes() == photo
+    assert "end with zeros" in find_gap(with_preview(plain, 7, bytes(160 * 120 * 3)))
 
 
 # Data that come late.
