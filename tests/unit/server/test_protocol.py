@@ -170,6 +170,20 @@ def test_faults_say_what_there_is() -> None:
     assert "capture.start" in error["data"]["hint"]
 
 
+def test_what_faults_are_told_by_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Schemas and decoders cost milliseconds, on the thread that answers everybody."""
+    wrong = [("capture.start", {"codes": 0}), ("display.show", {"pattern": "code", "index": -1})]
+    said = [fault(line(*one)) for one in wrong]
+
+    def made(*_: Any, **__: Any) -> None:
+        raise AssertionError("made once more")
+
+    for name in ("json.Decoder", "json.schema", "json.schema_components", "inspect.type_info",
+                 "defstruct", "structs.fields"):  # fmt: skip
+        monkeypatch.setattr(f"msgspec.{name}", made)
+    assert [fault(line(*one)) for one in wrong] == said
+
+
 def test_of_a_clients_own_text_200_letters_are_echoed() -> None:
     for length, echoed in ((200, "x" * 200), (201, "x" * 200 + "...")):
         assert fault(line("x" * length))["error"]["message"] == f"unknown method {echoed}"
