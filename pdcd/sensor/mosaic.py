@@ -39,7 +39,7 @@ from pdcd.sensor.dng_form import (
 from pdcd.sensor.pieces import check_pieces, is_in_order, is_read_here, read_samples
 from pdcd.sensor.proof import decode_proven
 from pdcd.sensor.tiff import TiffTags, read_tags
-from pdcd.sensor.whole import RawData, check_whole
+from pdcd.sensor.whole import RawData, check_whole, find_stop_tags
 
 _BIG_TIFF = (b"II+\0", b"MM\0+")
 _LIBRAW_MIN_SIDE = 22
@@ -160,6 +160,22 @@ def find_picture(raw: RawInput) -> tuple[tuple[int, int], tuple[int, int]]:
         return (sizes.top_margin, sizes.left_margin), _shown(sizes, (sizes.height, sizes.width))
     top, left, bottom, right = raw.form.active
     return (top, left), _shown(sizes, (bottom - top, right - left))
+
+
+def read_exposure(raw: RawInput) -> tuple[int, float, float | None]:
+    """ISO, exposure time and stop. LibRaw knows where each maker has them, but not that a fraction
+    is none, and nothing of a file that it does not unpack. Raises rawpy.LibRawError."""
+    tags = find_stop_tags(raw.data, raw.tags)
+    try:
+        other = raw.libraw.other
+        iso, exposure_s, f_number = round(other.iso_speed), other.shutter_speed, other.aperture
+    except rawpy.LibRawError:
+        if tags is None or raw.form is None or not is_read_here(raw.form):
+            raise
+        return (*tags.numbers(tiff.ISO), 0)[0], tags.exposure_s, tags.f_number
+    if tags is not None and tags.numbers(tiff.EXPOSURE_TIME) and not tags.exposure_s:
+        exposure_s = 0.0
+    return iso, exposure_s, tags.f_number if tags and tags.says_f_number else f_number
 
 
 def _shown(sizes: rawpy.ImageSizes, visible: tuple[int, int]) -> tuple[int, int]:

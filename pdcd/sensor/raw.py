@@ -19,7 +19,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import rawpy
 from numpy.typing import ArrayLike, NDArray
 
 from pdcd.arrays import Floats
@@ -33,13 +32,13 @@ from pdcd.sensor.mosaic import (
     find_picture,
     is_grey,
     open_raw,
+    read_exposure,
     read_mosaic,
 )
-from pdcd.sensor.pieces import is_read_here
 from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
 from pdcd.sensor.proof import check_hole, check_samples, check_zeros
-from pdcd.sensor.tiff import DATE_TAKEN, EXPOSURE_TIME, ISO, MODEL
-from pdcd.sensor.whole import find_stop_tags, measure_hole
+from pdcd.sensor.tiff import DATE_TAKEN, MODEL
+from pdcd.sensor.whole import measure_hole
 
 RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
 """How names of RAW files end, in lower case."""
@@ -312,7 +311,7 @@ def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFra
                 saturated[rows] |= signal >= np.float32(saturation_dn)
 
     run_in_bands(height, band)
-    tags, (iso, exposure_s, f_number) = raw.tags, _read_exposure(raw)
+    tags, (iso, exposure_s, f_number) = raw.tags, read_exposure(raw)
     return RawFrame(
         samples=samples,
         saturated=saturated,
@@ -330,22 +329,6 @@ def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFra
         tagged=mosaic.tagged and not mosaic.masked,
         doubts=mosaic.doubts,
     )
-
-
-def _read_exposure(raw: RawInput) -> tuple[int, float, float | None]:
-    """ISO, exposure time and stop. LibRaw knows where each maker has them, but not that a fraction
-    is none, and nothing of a file that it does not unpack."""
-    tags = find_stop_tags(raw.data, raw.tags)
-    try:
-        other = raw.libraw.other
-        iso, exposure_s, f_number = round(other.iso_speed), other.shutter_speed, other.aperture
-    except rawpy.LibRawError:
-        if tags is None or raw.form is None or not is_read_here(raw.form):
-            raise
-        return (*tags.numbers(ISO), 0)[0], tags.exposure_s, tags.f_number
-    if tags is not None and tags.numbers(EXPOSURE_TIME) and not tags.exposure_s:
-        exposure_s = 0.0
-    return iso, exposure_s, tags.f_number if tags and tags.says_f_number else f_number
 
 
 def _with_clipped_samples(frame: RawFrame) -> RawFrame:
