@@ -63,6 +63,7 @@ class ScriptedDmd:
         self.mode, self.code = 0, 0
         self.entries: dict[int, bytes] = {}
         self.table = (0, 0)
+        self.order: tuple[int, ...] = ()
         self.runs_from_ns: int | None = None
         self.waits = False
         self.pictures: dict[tuple[int, int], bytes] = {}
@@ -111,20 +112,18 @@ class ScriptedDmd:
     def running(self) -> bool:
         if self.waits or self.runs_from_ns is None:
             return self.waits
-        count, shown = self.table
         lasts = sum(
             int.from_bytes(e[2:5], "little") + int.from_bytes(e[6:9], "little")
-            for e in (self.entries[n] for n in range(count))
+            for e in (self.entries[n] for n in self.order)
         )
-        return not shown or self.clock.now_ns() < self.runs_from_ns + 1000 * lasts
+        return not self.table[1] or self.clock.now_ns() < self.runs_from_ns + 1000 * lasts
 
     @property
     def black(self) -> bool:
         """Whether it shows nothing but its plane without light, or waits."""
         if self.waits:
             return True
-        count, _ = self.table
-        return self.running and all(not self.plane(*self.place_of(n)).any() for n in range(count))
+        return self.running and all(not self.plane(*self.place_of(n)).any() for n in self.order)
 
     def place_of(self, entry: int) -> tuple[int, int]:
         both = int.from_bytes(self.entries[entry][10:12], "little")
@@ -147,10 +146,14 @@ class ScriptedDmd:
             self.entries[int.from_bytes(data[:2], "little")] = data
         elif command == 0x1A31:
             self.table = struct.unpack("<HI", data)
+            self.order = tuple(range(self.table[0]))
+        elif command == 0x1A32:
+            self.table = struct.unpack_from("<HI", data)
+            self.order = struct.unpack_from(f"<{self.table[0]}H", data, 6)
         elif command == 0x1A24:
             self.runs_from_ns, self.waits = None, False
             if data[0] == 2:
-                self.waits = 0 in self.entries and bool(self.entries[0][5] & 0x80)
+                self.waits = bool(self.order and self.entries[self.order[0]][5] & 0x80)
                 if not self.waits:
                     self.runs_from_ns = self.clock.now_ns()
                     if self.wired is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import enum
 import struct
+from collections.abc import Sequence
 
 from pdcd.driver import ConfigError, DeviceLost, PdcdError
 
@@ -45,6 +46,7 @@ class Command(enum.IntEnum):
     SECOND_BEGIN = 0x1A2C
     SECOND_DATA = 0x1A2D
     TABLE = 0x1A31
+    ORDER = 0x1A32
     ENTRY = 0x1A34
     TRIGGER_IN_1 = 0x1A35
     LEAST_EXPOSURE = 0x1A42
@@ -124,6 +126,11 @@ def pack_entry(
 def pack_table(entries: int, shown: int) -> bytes:
     """0x1A31: so many entries, of which so many are shown in all; 0 is for ever."""
     return struct.pack("<HI", entries, shown)
+
+
+def pack_order(entries: Sequence[int], shown: int) -> bytes:
+    """0x1A32: show these entries of the table that is valid, in this order."""
+    return struct.pack(f"<HI{len(entries)}H", len(entries), shown, *entries)
 
 
 def make_refusal(role: str, command: int, code: int | None, text: str) -> PdcdError:

@@ -2,20 +2,23 @@
 
 Picture 0 holds a plane without light and nothing else, and is loaded before any other: an endless
 sequence of that plane is black whatever mirrors do between sequences, which no guide tells. All
-other planes lie 24 a picture, and stay where they are while they are wanted.
+other planes lie 24 a picture.
+
+By the guide, pictures are to be sent anew as soon as the number of entries, or what one of them
+shows, was changed. So black is the last entry of the table that is loaded, by another order of
+entries: pictures outlive that, and the table comes back by configuring it again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.driver import Clock, ConfigError, DeviceLost, SyncError
+from pdcd.driver import Clock, ConfigError, DeviceLost, PdcdError, SyncError
 
 from .commands import (
     DMD_KINDS,
@@ -30,6 +33,7 @@ from .commands import (
     Hardware,
     Main,
     pack_entry,
+    pack_order,
     pack_table,
 )
 from .erle import encode_picture
@@ -70,6 +74,8 @@ class DmdPanel:
         self._halves: list[tuple[Command, Command]] = []
         self._table: list[bytes] = []
         self._pictures: list[tuple[bytes, ...]] = [()] * PICTURE_SLOTS
+        self._packed: dict[int, list[bytes]] = {}
+        self._shown: list[tuple[int, int, bytes]] = []
         self._status = Hardware(0)
         self._is_black = False
 
@@ -92,8 +98,8 @@ class DmdPanel:
         self.least_us = self.least_us or _USUAL_LEAST_US
         link.tell(Command.TRIGGER_OUT_1, bytes(5))  # not inverted, edges where an exposure has them
         self.set_trigger_delay(self.least_us)
+        self._pack_picture(0, (BLACK_PLANE,), np.zeros(self.size_px[::-1], dtype=np.uint32))
         self._program(self._black_entries, 0)
-        self._upload(0, (BLACK_PLANE,), np.zeros(self.size_px[::-1], dtype=np.uint32))
         self._start()
 
     def set_trigger_delay(self, delay_us: int) -> None:
@@ -102,18 +108,17 @@ class DmdPanel:
         self.link.tell(Command.TRIGGER_IN_1, delay_us.to_bytes(2, "little") + bytes([falling]))
 
     def load(self, table: Sequence[TableEntry], planes: Sequence[bytes], draw: DrawWords) -> int:
-        """Take over planes and a table of them, then go black; how many pictures were sent.
+        """Take over planes and a table of them, then go black; how many pictures were drawn.
 
-        planes : keys of those that have light, all different, `most_planes` at most.
+        planes : keys of those that have light, all different, `most_planes` at most. table : of
+        these, and of black at its end.
         """
         plan = self._place(planes)
-        for number in plan:
-            self._pictures[number] = ()  # until it is whole
+        for number, keys in plan.items():
+            self._pack_picture(number, keys, draw(keys))
         self._is_black = False
         self._stop()
-        self._program(table, len(table), plan)
-        for number in sorted(plan, reverse=True):  # the last one first, as the guide has it
-            self._upload(number, plan[number], draw(plan[number]))
+        self._program(table, len(table))
         self.black()
         return len(plan)
 
@@ -134,7 +139,12 @@ class DmdPanel:
         self._status = self._hardware()
         self._start()
         if waits or shown is None:
-            self._wait_until(self.is_running, "does not start its sequence")
+            self._wait_to_run()
+
+    def stop(self) -> None:
+        """Let its sequence end, and its trigger output be still; for panels that show black."""
+        self._is_black = False
+        self._stop()
 
     def is_running(self) -> bool:
         """Whether a sequence is shown, or waits for its trigger."""
@@ -155,8 +165,9 @@ class DmdPanel:
         if self._is_black:
             if self.is_running():
                 return
-            self._table = []  # somebody else has been at it
-        self.start(self._black_entries, shown=None)
+            self._table, self._shown = [], []  # somebody else has been at it
+        if not self._show_last():
+            self.start(self._black_entries, shown=None)
         self._is_black = True
 
     def close(self) -> None:
@@ -207,8 +218,25 @@ class DmdPanel:
                 hint=f"set {table}.size_px = [{width}, {height}]",
             )
 
+    def _show_last(self) -> bool:
+        """Show the last entry over and over, where it is black and the device takes another order
+        of entries; whether that was so."""
+        if not self._shown or self._shown[-1][2] != BLACK_PLANE:
+            return False
+        self._is_black = False
+        self._stop()
+        try:
+            self.link.tell(Command.ORDER, pack_order([len(self._shown) - 1], 0))
+        except PdcdError:
+            if self.link.lost:
+                raise
+            return False
+        self._start()
+        self._wait_to_run()
+        return True
+
     def _place(self, planes: Sequence[bytes]) -> dict[int, tuple[bytes, ...]]:
-        """Find a place for planes that are not loaded yet: pictures to send, by their numbers."""
+        """Find a place for planes that have none yet: pictures to draw, by their numbers."""
         there = {key for held in self._pictures for key in held}
         missing = [key for key in planes if key not in there]
         free = [n for n in range(1, PICTURE_SLOTS) if set(planes).isdisjoint(self._pictures[n])]
@@ -219,19 +247,11 @@ class DmdPanel:
         groups = [tuple(missing[n : n + PLANES]) for n in range(0, len(missing), PLANES)]
         return dict(zip(free, groups, strict=False))
 
-    def _program(
-        self,
-        table: Sequence[TableEntry],
-        shown: int,
-        plan: Mapping[int, tuple[bytes, ...]] = MappingProxyType({}),
-        *,
-        waits: bool = False,
-    ) -> None:
-        """Send what of a table the device does not have yet, and make it valid. plan : pictures
-        that are loaded next."""
-        held = dict(enumerate(self._pictures)) | dict(plan)
-        places = {key: (number, bit) for number in held for bit, key in enumerate(held[number])}
-        places[BLACK_PLANE] = (0, 0)
+    def _program(self, table: Sequence[TableEntry], shown: int, *, waits: bool = False) -> None:
+        """Send what of a table the device does not have yet, make it valid, and send its pictures
+        where it shows others than before."""
+        places = {key: (n, bit) for n, held in enumerate(self._pictures)
+                  for bit, key in enumerate(held)}  # fmt: skip
         options = self._options.led, self._options.trigger_bit
         packed = [
             pack_entry(
@@ -242,15 +262,20 @@ class DmdPanel:
             )
             for n, one in enumerate(table)
         ]
+        shows = [(*places[one.plane], one.plane) for one in table]
         had, self._table = self._table, []  # not known until all of it was taken
+        showed, self._shown = self._shown, []
         try:
             self._send_table(packed, had, shown)
         except ConfigError:
             if not had:
                 raise
-            had = []
+            had, showed = [], []
             self._send_table(packed, had, shown)  # it may have forgotten what it had
-        self._table = [*packed, *had[len(packed) :]]
+        if shows != showed:
+            for number in sorted({picture for picture, _, _ in shows}, reverse=True):
+                self._upload(number)  # the last one first, as the guide has it
+        self._table, self._shown = [*packed, *had[len(packed) :]], shows
 
     def _send_table(self, packed: list[bytes], had: list[bytes], shown: int) -> None:
         for number, entry in enumerate(packed):
@@ -264,20 +289,27 @@ class DmdPanel:
                 f"took {found} of {len(packed)} entries", device=self.role, hint="take fewer codes"
             )
 
-    def _upload(self, number: int, keys: tuple[bytes, ...], words: NDArray[np.uint32]) -> None:
-        """Send a picture, a half of it to each controller. keys : of its planes."""
+    def _pack_picture(
+        self, number: int, keys: tuple[bytes, ...], words: NDArray[np.uint32]
+    ) -> None:
+        """Make ready what is sent of a picture, a half of it for each controller. keys : of its
+        planes."""
         options = self._options
-        for (begin, data), half in zip(
-            self._halves, np.split(words, len(self._halves), axis=1), strict=True
-        ):
-            packed = encode_picture(half, options.plane_order, options.copy_above)
+        self._packed[number] = [
+            encode_picture(half, options.plane_order, options.copy_above)
+            for half in np.split(words, len(self._halves), axis=1)
+        ]
+        self._pictures[number] = keys
+
+    def _upload(self, number: int) -> None:
+        """Send a picture."""
+        for (begin, data), packed in zip(self._halves, self._packed[number], strict=True):
             size = len(packed).to_bytes(4, "little")
             self.link.tell(begin, number.to_bytes(2, "little") + size)
             for at in range(0, len(packed), PICTURE_PART_B):
                 part = packed[at : at + PICTURE_PART_B]
                 self.link.pour(data, len(part).to_bytes(2, "little") + part)
             self.link.check_errors(data)
-        self._pictures[number] = keys
 
     def _stop(self) -> None:
         self.link.tell(Command.RUN, bytes([STOP]))
@@ -290,6 +322,9 @@ class DmdPanel:
 
     def _hardware(self) -> Hardware:
         return Hardware(self.link.ask(Command.HARDWARE)[0])
+
+    def _wait_to_run(self) -> None:
+        self._wait_until(self.is_running, "does not start its sequence")
 
     def _wait_until(self, done: Callable[[], bool], what: str) -> None:
         until_ns = self._clock.now_ns() + round(_READY_S * 1e9)

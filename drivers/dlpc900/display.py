@@ -33,7 +33,7 @@ from pdcd.driver import (
 
 from .commands import MOST_DELAY_US, MOST_US
 from .device import BLACK_PLANE, DmdPanel, TableEntry
-from .link import DeviceLink, choose_device, list_devices
+from .link import DeviceLink, FoundDevice, choose_device, list_devices
 from .options import Dlpc900Options, read_dlpc900_options
 from .playing import BlockWatch
 from .sequence import (
@@ -106,6 +106,7 @@ class Dlpc900Display:
             identity,
             self._mask_lag_s(),
             row_times=True,
+            waits_for_edge=self._options.start == "trigger",
             warnings=tuple(warnings),
         )
 
@@ -122,6 +123,13 @@ class Dlpc900Display:
 
         Raises ConfigError, before anything is sent, for what does not fit them.
         """
+        loaded = self._loaded
+        if loaded is not None and loaded.frames is frames:
+            self._arms_at_black = False
+            self.black()
+            if self._loaded is loaded:  # both panels still have it
+                self._arms_at_black = self._options.start == "trigger"
+                return
         self._take_turn()
         self._loaded, self._arms_at_black = None, False
         for view in (self._views.projector, self._views.mask):
@@ -153,7 +161,7 @@ class Dlpc900Display:
             if arms:
                 self._arm(0)
             else:
-                _on_each(self._panels, DmdPanel.black)
+                _on_each(list(self._panels), self._make_black)
 
     def show(self, frames: Frames) -> None:
         """Hold the first row until `black` or `play`."""
@@ -208,7 +216,7 @@ class Dlpc900Display:
 
     def _open(self) -> None:
         """Find both devices, and make them black."""
-        options, config = self._options, self._context.config
+        options = self._options
         found = list_devices(self._context.usb_backend(options.usb))
         names = options.projector, options.mask
         chosen = [choose_device(found, *one) for one in zip(names, _ROLES, strict=True)]
@@ -220,11 +228,8 @@ class Dlpc900Display:
             )
         panels: list[DmdPanel] = []
         try:
-            for device, role, table in zip(
-                chosen, _ROLES, (config.projector, config.mask), strict=True
-            ):
-                link = DeviceLink(device, role, self._look)
-                panels.append(DmdPanel(link, options, self._context.clock, table.size_px))
+            for side, device in enumerate(chosen):
+                panels.append(self._make_panel(side, device))
                 panels[-1].take_over()
         except BaseException:
             for panel in panels:
@@ -232,15 +237,42 @@ class Dlpc900Display:
             raise
         self._panels = panels
 
+    def _make_panel(self, side: int, device: FoundDevice) -> DmdPanel:
+        config = self._context.config
+        size_px = (config.projector, config.mask)[side].size_px
+        link = DeviceLink(device, _ROLES[side], self._look)
+        return DmdPanel(link, self._options, self._context.clock, size_px)
+
+    def _reopen(self, panel: DmdPanel) -> None:
+        """Find a panel again whose link was lost, and make it black."""
+        self._loaded, self._arms_at_black, self._armed = None, False, False
+        panel.link.close()
+        options, side = self._options, _ROLES.index(panel.role)
+        found = list_devices(self._context.usb_backend(options.usb))
+        device = choose_device(found, (options.projector, options.mask)[side], panel.role)
+        fresh = self._make_panel(side, device)
+        self._panels[side] = fresh
+        try:
+            fresh.take_over()
+        except BaseException:
+            fresh.link.lost = True  # it may be anything by now
+            raise
+
     def _opened(self) -> list[DmdPanel]:
         """Both panels, opened anew where one was lost."""
-        if any(panel.link.lost for panel in self._panels):
-            for panel in self._panels:
-                panel.link.close()
-            self._panels = []
         if not self._panels:
             self._open()
+        for panel in list(self._panels):
+            if panel.link.lost:
+                self._reopen(panel)
         return self._panels
+
+    def _make_black(self, panel: DmdPanel) -> None:
+        """Black from whatever state, by a new link where the old one was lost."""
+        if panel.link.lost:
+            self._reopen(panel)
+        else:
+            panel.black()
 
     def _get_loaded(self) -> DmdSequence:
         if self._loaded is None or not self._panels:
@@ -315,6 +347,8 @@ class Dlpc900Display:
         block = sequence.blocks[number]
         leads_us, clock = sequence.lead_us(block), self._context.clock
         times = [0, 0]
+        if start == "chain":
+            self._panels[0].stop()  # each entry of its black is a trigger of the mask
         for side in (1, 0):  # the mask waits before the projector starts it
             panel, table = self._panels[side], self._table(sequence, side, block)
             waits = start == "trigger" or (start == "chain" and side == 1)

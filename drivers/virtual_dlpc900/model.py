@@ -105,9 +105,10 @@ DLP9000 = VirtualDmdModel("DLP9000", 2, (2560, 1600), 480, dual=True)
 
 
 def choose_dmd_model(size_px: tuple[int, int]) -> VirtualDmdModel:
-    """The model of that size; mirrors of another size than there are, as a DLP6500 otherwise."""
+    """The model of that size; mirrors of another size than there are, of a kind that nobody knows
+    and as a DLP6500 otherwise."""
     known = {model.size_px: model for model in (DLP6500, DLP9000)}
-    return known.get(size_px, replace(DLP6500, size_px=size_px))
+    return known.get(size_px, replace(DLP6500, name="unknown", hardware=0, size_px=size_px))
 
 
 @dataclass(frozen=True)

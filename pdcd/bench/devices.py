@@ -56,6 +56,9 @@ class DisplayInfo:
     `row_times` says that `load` takes rows with `Frames.dark_s` and `Frames.delay_s`, and that the
     log tells of them. The rig gives such frames to no other display.
 
+    `waits_for_edge` says that the shutter's opening starts what was loaded, once: it is loaded
+    again for each exposure, the same frames as well.
+
     `warnings` are what the user must know of the panels, each with what to do: a run takes them
     over.
     """
@@ -66,6 +69,7 @@ class DisplayInfo:
     identity: dict[str, str] = field(default_factory=dict)
     mask_lag_s: float | None = None
     row_times: bool = False
+    waits_for_edge: bool = False
     warnings: tuple[str, ...] = ()
 
 

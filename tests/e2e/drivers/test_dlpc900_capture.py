@@ -1,4 +1,4 @@
-"""Whole captures with two scripted DMDs in the place of the mock panels: the same pictures."""
+"""Whole captures with two DMDs in the place of the mock panels: the same pictures."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ from pdcd.bench.tables import Config, DisplayConfig, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
+from tests.dlpc900_pair import LEAST_US, make_dmds
 from tests.dlpc900_rig import ROW_US, SIZE, Dlpc900Rig, ScriptedUsb
 
 GRID = (6, 8)
@@ -88,3 +90,33 @@ def test_a_capture_is_that_of_the_mock_panels(
     ]
     assert rows[0] == rows[1] and "3000" in rows[0], "a dark time as long as the mask is late"
     assert all(dmd.black and not dmd.waits for dmd in ScriptedUsbDriver.devices.dmds)
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize("guards", ["auto", "both"])
+def test_a_capture_of_128_codes_on_virtual_dmds_is_that_of_the_mock_panels(
+    guards: Any, tmp_path: Path
+) -> None:
+    """What their mirrors showed, against what the mock's panels are told to, on the same scene."""
+    panel = PanelConfig(size_px=(192, 144), refresh_hz=1e6 / LEAST_US)
+    images = []
+    for name, display in (("dmds", make_dmds()), ("mock", DisplayConfig(row_times=True))):
+        (tmp_path / name).mkdir()
+        config = bench_rig.config(
+            tmp_path / name,
+            grid=(12, 16),
+            display=display,
+            projector=panel,
+            mask=msgspec.structs.replace(panel, skew_s=2e-6),
+        )
+        engine = Engine(config)
+        engine.start()
+        try:
+            request = CaptureRequest(goal="indirect", codes=128, guards=guards)
+            result = bench_rig.capture(engine, request)
+        finally:
+            engine.stop()
+        assert result.state == "done" and result.folder is not None
+        images.append(pdcd.open(result.folder).image)
+    assert np.abs(images[1]).max() > 0.0
+    np.testing.assert_allclose(images[0], images[1], rtol=0.0, atol=1e-9 * images[1].max())

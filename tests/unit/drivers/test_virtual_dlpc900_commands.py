@@ -131,7 +131,7 @@ def test_a_command_longer_than_the_buffer() -> None:
 def test_what_is_told_of_it() -> None:
     client = Rig(begun=False).client
     assert client.read(0x0205) == bytes([0, 0, 0, 6] * 4), "6.0.0, four times"
-    assert client.read(0x0206) == b"\1virtual".ljust(32, b"\0")
+    assert client.read(0x0206) == b"\0virtual".ljust(32, b"\0"), "none of those there are"
     assert client.read(0x1A0A) == b"\1" and client.read(0x1A0B) == b"\1"
     assert client.read(0x1A0C) == b"\2", "its startup pattern runs"
     assert client.read(MODE) == b"\1" and client.read(0x0200) == b"\0"

@@ -83,6 +83,47 @@ def test_the_matrix_of_dark_times_equals_the_dense_evaluation(
     assert np.abs(got.coaxial - coaxial).max() <= 1e-12 * want.max()
 
 
+@pytest.mark.parametrize("skew_us", [0, 1, 2, 5, 10])
+@pytest.mark.parametrize("dark_us", [0, 2, 10, 50])
+@pytest.mark.parametrize(("rise_us", "jitter_us"), [(0.0, 0.0), (4.0, 0.5)])
+def test_photos_of_two_dmds_equal_the_dense_evaluation(
+    rise_us: float, jitter_us: float, dark_us: int, skew_us: int, tmp_path: Path
+) -> None:
+    """Of the mock's panels as two DMDs whose rows begin unevenly: the photo of a scene."""
+    optics = {"rise_s": 1e-6 * rise_us, "fall_s": 1.5e-6 * rise_us, "contrast": 1500.0}
+    sides = {
+        name: PanelConfig(
+            (96, 64), refresh_hz=ROW_HZ, jitter_s=1e-6 * jitter_us, skew_s=1e-6 * late_us, **optics
+        )
+        for name, late_us in (("projector", 0), ("mask", skew_us))
+    }
+    config = bench_rig.config(tmp_path, grid=(2, 3), display=DisplayConfig(row_times=True), **sides)
+    frames = replace(plain(grid=(2, 3))[0], dark_s=np.full(8, 1e-6 * dark_us))
+    rig = Rig(config)
+    rig.connect()
+    rig.display.load(frames)
+    rig.readout.arm(CameraSettings(100, 8.0))
+    rig.clock.sleep_until_ns(rig.shutter.open() + 50 * MS)
+    rig.display.play(lambda *_: None, lambda: False)
+    rig.clock.sleep_until_ns(rig.clock.now_ns() + 50 * MS)
+    rig.shutter.close()
+    bench = bench_rig.bench_of_rig(rig)
+    assert bench.log is not None and bench.open_ns is not None and bench.close_ns is not None
+    uneven = np.ptp(np.diff(bench.log.dual_ns)) > 0
+    assert uneven == (jitter_us > 0.0)
+    primal, dual = (PanelOptics.from_config(sides[name]) for name in ("projector", "mask"))
+    lit = oracles.timeline(frames, bench.log, primal, bench.open_ns, True, 1)
+    seen = oracles.timeline(frames, bench.log, dual, bench.open_ns, False, 1)
+    exposure_s = (bench.close_ns - bench.open_ns) * 1e-9
+    cells, coaxial = oracles.to_cells(
+        oracles.pair_integrals(lit, seen, primal, dual, exposure_s), frames.grid, 1
+    )
+    scene = bench_rig.transport(frames.grid)
+    off = scene - np.diag(np.diag(scene))
+    want = (cells * off).sum(axis=1) + coaxial * np.diag(scene)
+    assert np.abs(bench.photo()[:, 0] - want).max() <= 1e-12 * want.max()
+
+
 def test_a_dark_time_as_long_as_the_mask_is_late_keeps_all_direct_light_out() -> None:
     frames, _ = plain()
     for late_us, dark_us, kept_out in ((0, 0, True), (2, 0, False), (2, 2, True), (10, 9, False)):
