@@ -69,7 +69,8 @@ class DmdPanel:
         """size_px : as configured, of devices that do not tell their kind."""
         self.link, self.role, self.size_px = link, link.role, size_px
         self.kind, self.firmware = "DLPC900", ""
-        self.least_us, self.most_entries, self.most_planes = _USUAL_LEAST_US, 400, 399
+        self.least_us, self.most_entries = _USUAL_LEAST_US, 400
+        self._rooms = _find_rooms(400)
         self._options, self._clock = options, clock
         self._halves: list[tuple[Command, Command]] = []
         self._table: list[bytes] = []
@@ -183,6 +184,11 @@ class DmdPanel:
             self.link.close()
 
     @property
+    def most_planes(self) -> int:
+        """Planes that can be loaded, beside black."""
+        return sum(self._rooms[1:])
+
+    @property
     def _black_entries(self) -> list[TableEntry]:
         return [TableEntry(BLACK_PLANE, max(_BLACK_US, self.least_us))]
 
@@ -208,7 +214,7 @@ class DmdPanel:
         if told[0] not in DMD_KINDS:
             return
         self.kind, size_px, self.most_entries, planes = DMD_KINDS[told[0]]
-        self.most_planes = min(planes - 1, PLANES * (PICTURE_SLOTS - 1))  # beside black
+        self._rooms = _find_rooms(planes)
         if size_px != self.size_px:
             (width, height), table = size_px, self.role
             raise ConfigError(
@@ -239,13 +245,17 @@ class DmdPanel:
         """Find a place for planes that have none yet: pictures to draw, by their numbers."""
         there = {key for held in self._pictures for key in held}
         missing = [key for key in planes if key not in there]
-        free = [n for n in range(1, PICTURE_SLOTS) if set(planes).isdisjoint(self._pictures[n])]
+        rooms, wanted = self._rooms, set(planes)
+        free = [n for n in range(1, len(rooms)) if wanted.isdisjoint(self._pictures[n])]
         free.sort(key=lambda number: bool(self._pictures[number]))  # empty ones first
-        if PLANES * len(free) < len(missing):  # what is wanted lies too far apart
-            missing, free = list(planes), list(range(1, PICTURE_SLOTS))
+        if sum(rooms[n] for n in free) < len(missing):  # what is wanted lies too far apart
+            missing, free = list(planes), list(range(1, len(rooms)))
             self._pictures[1:] = [()] * (PICTURE_SLOTS - 1)
-        groups = [tuple(missing[n : n + PLANES]) for n in range(0, len(missing), PLANES)]
-        return dict(zip(free, groups, strict=False))
+        plan = {}
+        for number in free:
+            if missing:
+                plan[number], missing = tuple(missing[: rooms[number]]), missing[rooms[number] :]
+        return plan
 
     def _program(self, table: Sequence[TableEntry], shown: int, *, waits: bool = False) -> None:
         """Send what of a table the device does not have yet, make it valid, and send its pictures
@@ -332,3 +342,8 @@ class DmdPanel:
             if self._clock.now_ns() >= until_ns:
                 raise DeviceLost(what, device=self.role, hint="switch it off and on")
             self._clock.sleep_until_ns(self._clock.now_ns() + round(_PAUSE_S * 1e9))
+
+
+def _find_rooms(planes: int) -> list[int]:
+    """How many planes each picture may hold, of a device that has memory for so many."""
+    return [min(PLANES, planes - first) for first in range(0, planes, PLANES)][:PICTURE_SLOTS]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from drivers.virtual_dlpc900 import PLANES_BY_OTHERS, VirtualDmdOptions
 from pdcd.bench.placed import panels_of
+from pdcd.errors import ConfigError
 from pdcd.panels.draw import draw
 from pdcd.panels.frames import Frames
 from pdcd.panels.patterns import pack_bits
@@ -174,6 +175,16 @@ def test_windows_that_cut_cells_and_other_ways_to_pack(copy_above: str) -> None:
     pair = DmdPair(SIZE, GRID, copy_above=copy_above, row_us=125)
     frames = make_codes(32, window="quarter", dark_us=10)
     assert check_all(pair, frames) == [128]
+
+
+def test_as_many_planes_as_there_is_memory_for() -> None:
+    """400 of a DLP6500, and those of the picture with black in it are left."""
+    pair = DmdPair(SIZE, GRID)
+    frames = make_codes(376)
+    assert check_all(pair, frames) == [376]
+    with pytest.raises(ConfigError, match="376 codes"):
+        pair.display.load(make_codes(377))
+    assert pair.dark
 
 
 @pytest.mark.parametrize("keeps", [True, False])
