@@ -110,7 +110,7 @@ def choose_plan(
     if prior is not None and prior.scene is not None:
         light = measure_scene_light(prior.scene, prior.name)
     elif scene is not None:
-        light = measure_scene_light(scene, f"scene {scene.name}")
+        light = replace(measure_scene_light(scene, f"scene {scene.name}"), measured=True)
     else:
         light = guess_scene_light()
     return _Search(request, given, setting, grid, light, prior, watch or Watch()).run()
@@ -173,7 +173,14 @@ class _Search:
             if longest_s > config.limits.max_exposure_s:
                 return
             codes = PhotoCodes(
-                request.goal, self.family, plan.p, self.grid, count, longest_s, guided=guided
+                request.goal,
+                self.family,
+                plan.p,
+                self.grid,
+                count,
+                longest_s,
+                lit_s=count / config.row_hz,
+                guided=guided,
             )
             same, own = (
                 predict_error(replace(codes, split=split), self.light, self.setting, self.iso)

@@ -72,7 +72,7 @@ class SceneLight:
     smooth : (R,) for r = 0, 1, 2 ... the mean square of a path from r cells or farther: of what the
     models of smooth light (`pdcd.pictures.smooth`) leave of it at their best, and of what they
     explain. weak : (N,) of all paths to a cell but its r strongest. None of all three: all paths
-    are alike.
+    are alike. measured : whether light is in the scene units that the camera's answer is told in.
     """
 
     name: str
@@ -82,6 +82,7 @@ class SceneLight:
     rough: Floats | None = None
     smooth: Floats | None = None
     weak: Floats | None = None
+    measured: bool = False
 
     def shared_square(self, columns: int, cells: int, *, split: bool, guided: bool) -> float:
         """Mean square of what errs of the paths between cells that share one of so many columns of
@@ -176,8 +177,9 @@ class PredictedError:
 class PhotoCodes:
     """How a goal is to be photographed, as far as the error of one exposure goes by it.
 
-    count : codes. split : whether each exposure has codes of its own. guided : whether codes keep
-    cells apart by a prior.
+    count : codes. lit_s : for how long they are shown in all, dark times and guards not counted.
+    split : whether each exposure has codes of its own. guided : whether codes keep cells apart by a
+    prior.
     """
 
     goal: str
@@ -186,6 +188,7 @@ class PhotoCodes:
     grid: tuple[int, int]
     count: int
     exposure_s: float
+    lit_s: float
     split: bool = False
     guided: bool = False
 
@@ -196,14 +199,18 @@ def predict_error(
     """The error of an answer by one exposure of its codes, which the planner compares plans by
     (`pdcd.planning.choose`).
 
-    codes : of a goal of `PREDICTED_GOALS`. The light is taken to suffice: metering is taken to find
-    it.
+    codes : of a goal of `PREDICTED_GOALS`. Metering is taken to find the light it wants, as far as
+    the widest aperture goes before a scene whose light is known.
     """
     direct, indirect = light.direct, light.indirect
     pictures = {"white": direct + indirect, "indirect": indirect, "direct": direct}
     truth = pictures.get(codes.goal, direct + codes.p * indirect)
-    photos = [truth] if codes.goal != "direct" else [pictures["white"], indirect]
-    noises = [_photo_noise(picture, setting, iso, codes.exposure_s) for picture in photos]
+    coded_s = codes.lit_s * (codes.p if codes.goal == "fraction" else codes.p * (1.0 - codes.p))
+    most_s = coded_s if light.measured else np.inf
+    photos = [(truth, np.inf if codes.goal == "white" else most_s)]
+    if codes.goal == "direct":
+        photos = [(pictures["white"], np.inf), (indirect, most_s)]
+    noises = [_photo_noise(*photo, setting, iso, codes.exposure_s) for photo in photos]
     code = 0.0
     if codes.goal == "fraction":
         code = _kept_error(codes, light, _rms(truth))
@@ -244,13 +251,20 @@ def _path_variance(codes: PhotoCodes, light: SceneLight) -> float:
     return light.shared_square(columns, cells, split=codes.split, guided=codes.guided) * sharing
 
 
-def _photo_noise(picture: Floats, setting: RigSetting, iso: int, exposure_s: float) -> float:
+def _photo_noise(
+    picture: Floats, most_s: float, setting: RigSetting, iso: int, exposure_s: float
+) -> float:
     """RMS noise of one photo of a picture (cells, 3), its brightest sample metered, in the unit of
-    the picture."""
+    the picture. most_s : of the picture's light, at most."""
     config, profile = setting.config, setting.profile
     picture = weigh_colours(picture, setting.camera.colours)
     light = picture * setting.camera.responsivity_e
     brightest_dn = _STOP_LIGHT * TARGET * profile.saturation_dn(iso)
+    typed = config.camera.f_number
+    widest = min(setting.camera.f_numbers, default=0.0) if typed == "auto" else typed
+    if widest:
+        most_e = float(light.max()) * most_s / widest**2
+        brightest_dn = min(brightest_dn, most_e / profile.row(iso).gain_e_per_dn)
     dn_per_unit = brightest_dn / float(light.max()) * setting.camera.responsivity_e
     if config.camera.noise == "none":  # a mock camera still rounds
         variance_dn2 = np.full(picture.shape, 1.0 / 12.0)

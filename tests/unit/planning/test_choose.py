@@ -75,7 +75,7 @@ def every_plan(rig: RigSetting, goal: str) -> list[tuple[int, int, float, int, P
         for exposures in range(1, MOST_REPEATS + 1):
             split = goal == "indirect" and count >= 16 and exposures >= 4
             plan = once.scaled(1, exposures)
-            codes = PhotoCodes(goal, "hadamard", 0.5, GRID, count, longest_s, split=split)
+            codes = PhotoCodes(goal, "hadamard", 0.5, GRID, count, longest_s, 1.0, split=split)
             error = predict_error(codes, guess_scene_light(), rig, 100).repeated(exposures)
             shown = count * exposures if split else count
             found.append((shown, exposures, seconds_of(plan), len(plan.recipe.shots), error))

@@ -60,7 +60,7 @@ def rig(tables: Config | None = None) -> RigSetting:
 
 
 def shown(goal: str, family: FamilyName = "hadamard", p: float = 0.5, **more: bool) -> PhotoCodes:
-    return PhotoCodes(goal, family, p, GRID, COUNT, exposure_s=2.0, **more)
+    return PhotoCodes(goal, family, p, GRID, COUNT, exposure_s=2.0, lit_s=1.0, **more)
 
 
 def error_of_codes(goal: str, family: FamilyName, p: float) -> float:
