@@ -50,17 +50,13 @@ class DisplayInfo:
     """The two panels as found: size in pixels (width, height), refresh rate, identity.
 
     `mask_lag_s` is by how much the mask's light of a row of `Frames` follows the projector's of the
-    same row (negative: it leads), the display's own delay of either stream included; None where it
-    was not measured or drifts.
+    same row (negative: it leads), own delays of both streams included; None: unknown, or drifting.
 
     `row_times` says that `load` takes rows with `Frames.dark_s` and `Frames.delay_s`, and that the
-    log tells of them. The rig gives such frames to no other display.
+    log tells of them. The rig gives such frames to no other display. `waits_for_edge` says that the
+    shutter's opening starts what was loaded, once: each exposure loads it anew.
 
-    `waits_for_edge` says that the shutter's opening starts what was loaded, once: it is loaded
-    again for each exposure, the same frames as well.
-
-    `warnings` are what the user must know of the panels, each with what to do: a run takes them
-    over.
+    `warnings` are what the user must know of the panels, each with what to do, for the run.
     """
 
     primal_size_px: tuple[int, int]

@@ -370,9 +370,8 @@ class Rig:
 
     def _prepare(self, frames: Frames, settings: CameraSettings, *, again: bool) -> int:
         """Load the frames, both panels black, the camera ready; since when panels are black."""
-        info = self.display_info
-        stays = again and not (info is not None and info.waits_for_edge)
-        loaded, black_ns = self._left if stays else (None, None)
+        edge = self.display_info is not None and self.display_info.waits_for_edge
+        loaded, black_ns = self._left if again and not edge else (None, None)
         self._left = None, None
         if loaded is not frames:
             self.display.load(frames)
