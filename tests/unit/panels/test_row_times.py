@@ -90,7 +90,11 @@ def test_photos_of_two_dmds_equal_the_dense_evaluation(
     rise_us: float, jitter_us: float, dark_us: int, skew_us: int, tmp_path: Path
 ) -> None:
     """Of the mock's panels as two DMDs whose rows begin unevenly: the photo of a scene."""
-    optics = {"rise_s": 1e-6 * rise_us, "fall_s": 1.5e-6 * rise_us, "contrast": 1500.0}
+    optics: dict[str, Any] = {
+        "rise_s": 1e-6 * rise_us,
+        "fall_s": 1.5e-6 * rise_us,
+        "contrast": 1500.0,
+    }
     sides = {
         name: PanelConfig(
             (96, 64), refresh_hz=ROW_HZ, jitter_s=1e-6 * jitter_us, skew_s=1e-6 * late_us, **optics
