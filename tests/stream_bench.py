@@ -39,7 +39,8 @@ from pdcd.sensor.raw import read_raw
 from tests import world
 from tests.genicam_rig import own_network
 
-SIZE, GRID = (640, 480), [48, 64]
+SIZES = {"whole": ((640, 480), [48, 64]), "small": ((160, 120), [12, 16])}
+"""Pixels (columns, rows) and cells (rows, columns): a small frame is for counting many pictures."""
 ROW_HZ = 4000.0
 RING = 65
 """Frames that are served over and over: thirteen sets of four parts, each after a white photo."""
@@ -52,14 +53,15 @@ def say(text: str) -> None:
     sys.stdout.flush()
 
 
-def make_config(folder: Path, *, served: bool, parts: int) -> Config:
+def make_config(folder: Path, *, served: bool, size: str = "whole") -> Config:
     """A bench of two fast panels and a camera without colours: the mock's, or one over GigE."""
-    panel = {"refresh_hz": ROW_HZ, "rise_s": 2e-6, "fall_s": 2e-6}
-    camera: dict[str, Any] = {"profile": "mono", "frame_quads": SIZE, "f_number": 1.0}
+    panel = {"refresh_hz": ROW_HZ}
+    frame, grid = SIZES[size]
+    camera: dict[str, Any] = {"profile": "mono", "frame_quads": frame, "f_number": 1.0}
     tables: dict[str, Any] = {
         "projector": panel,
         "mask": panel,
-        "scene": {"kind": "open-book", "grid": GRID},
+        "scene": {"kind": "open-book", "grid": grid},
         "rig": {"settle_s": 0.0, "clock": "virtual"},
         "camera": camera,
         "limits": {"min_free_bytes": 0},
@@ -67,20 +69,20 @@ def make_config(folder: Path, *, served: bool, parts: int) -> Config:
     }
     if served:
         options = {
-            "camera": VIRTUAL_ADDRESS, "resend": False, "wait_s": 20.0, "margin_s": 0.03,
+            "camera": VIRTUAL_ADDRESS, "resend": False, "wait_s": 20.0, "margin_s": 0.05,
             "margin": 0.0, "black_dn": 0,
         }  # fmt: skip
         camera |= {"driver": "genicam", "options": options}
-        tables |= {"trigger": {"driver": "genicam"}}
+        tables |= {"trigger": {"driver": "genicam", "lag_s": 0.0, "jitter_s": 0.0}}
         tables["rig"]["clock"] = "real"
     return from_config_tables(tables, "the bench")
 
 
-def render_frames(request: StreamRequest) -> tuple[list[NDArray[np.uint16]], int, int]:
+def render_frames(request: StreamRequest, size: str) -> tuple[list[NDArray[np.uint16]], int, int]:
     """Frames of a stream in the order in which it takes them, how many come before its loop, and
     the level without light."""
     with tempfile.TemporaryDirectory() as folder:
-        engine = Engine.from_config(make_config(Path(folder), served=False, parts=4))
+        engine = Engine.from_config(make_config(Path(folder), served=False, size=size))
         engine.start()
         frames: list[NDArray[np.uint16]] = []
         before: list[int] = []
@@ -124,7 +126,8 @@ def serve_frames(path: Path) -> None:
         count += 1
         return np.asarray(frames[number])
 
-    description = CameraDescription(*SIZE, (BY_NAME["Mono16"],), white=int(stored["white"]))
+    height, width = frames.shape[1:]
+    description = CameraDescription(width, height, (BY_NAME["Mono16"],), white=int(stored["white"]))
     camera = VirtualGenicamCamera(description, PlainLight(make), RealClock())
     camera.start()
     say("ready")
@@ -191,7 +194,7 @@ class _Meter:
         self.sigmas.append(streamed.frame.rms_sigma or np.nan)
         if len(self.latency_s) == 8:
             self.begun, self.latency_s = self._now(), [0.0] * 8
-        if len(self.latency_s) % 50 == 10:
+        if len(self.latency_s) % max(50, self.pictures // 20) == 10:
             self.memory.append((read_rss_kib("self"), read_rss_kib(self._pid)))
         if len(self.latency_s) == self.pictures + 8:
             self.ended = self._now()
@@ -217,15 +220,15 @@ class _Meter:
         say(f"memory of rig and worker, MiB: {grown}")
 
 
-def measure(pictures: int, request: StreamRequest) -> None:
+def measure(pictures: int, request: StreamRequest, size: str) -> None:
     """Render, serve, stream and report."""
-    frames, first, black = render_frames(request)
+    frames, first, black = render_frames(request, size)
     say(f"{len(frames)} frames rendered, {first} before the loop")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frames.npz"
         np.savez(path, frames=np.stack(frames), first=first, white=65535)
         with own_network(), camera_process(path) as camera:
-            config = make_config(Path(folder), served=True, parts=4)
+            config = make_config(Path(folder), served=True, size=size)
             options = {**config.camera.options, "black_dn": black}
             bench = msgspec.structs.replace(config.camera, options=options)
             engine = Engine.with_child(msgspec.structs.replace(config, camera=bench))
@@ -246,6 +249,7 @@ def main() -> None:
     parser.add_argument("--pictures", type=int, default=300)
     parser.add_argument("--codes", type=int, default=32)
     parser.add_argument("--rate", type=float, default=1000.0)
+    parser.add_argument("--size", choices=SIZES, default="whole")
     parser.add_argument("--camera", type=Path)
     args = parser.parse_args()
     if args.camera is not None:
@@ -261,6 +265,7 @@ def main() -> None:
             rate_hz=args.rate,
             exposure_s=3.0 * args.codes / ROW_HZ,
         ),
+        args.size,
     )
 
 

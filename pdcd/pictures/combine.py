@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +30,7 @@ from pdcd.words import NormaliseName
 if TYPE_CHECKING:
     from pdcd.pictures.border_light import BorderLight, BorderMeasurement
 
+NO_PICTURES: Mapping[str, Picture] = MappingProxyType({})
 _LEAST_OPEN = 1e-6
 """Time of an open mask over a photo's weight that is none: black exposures are as long as others,
 to rounding."""
@@ -84,15 +86,20 @@ def scale_photos(
     added: Mapping[str, Floats],
     borders: BorderMeasurement | None = None,
     room: Floats | None = None,
+    whites: Mapping[str, Picture] = NO_PICTURES,
 ) -> dict[str, Picture]:
     """The same of photos whose cells are weighed already; `borders` were seen in a photo, and so
-    was light of the `room`, (N, C) of cells in a second."""
+    was light of the `room`, (N, C) of cells in a second. whites : photos of all light that were
+    scaled before."""
     scaled: dict[str, Picture] = {}
     direct: dict[str, Floats] = {}
     strips: dict[str, BorderLight] = {}
     white = list_white_photos(recipe)
     outside = find_quads_outside(cells)
     for photo in recipe.photos:
+        if photo.name in whites:
+            scaled[photo.name] = whites[photo.name]
+            continue
         of_quads = _weigh_quads(weights[photo.name], cells)
         taken = [(sign, shots[name]) for sign, name in photo.shots]
         scaled[photo.name] = _scaled(taken, of_quads, added.get(photo.name), outside)

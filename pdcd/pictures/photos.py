@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from pdcd.arrays import Bools, Floats
-from pdcd.pictures.combine import scale_photos
+from pdcd.pictures.combine import NO_PICTURES, scale_photos
 from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.learn import PilotFindings, compute_path_corrections, compute_path_light
 from pdcd.pictures.picture import Picture
@@ -57,6 +57,7 @@ def make_corrected_photos(
     told: Mapping[str, SmoothModel] = NO_SMOOTH_MODELS,
     borders: BorderMeasurement | None = None,
     room: Floats | None = None,
+    whites: Mapping[str, Picture] = NO_PICTURES,
 ) -> dict[str, Picture]:
     """Every photo divided by its weight, coded ones corrected for what their codes get wrong.
 
@@ -72,13 +73,14 @@ def make_corrected_photos(
     borders : what a photo of the light along borders of cells tells, if there is one.
     room : (N, C), what gets through an open mask before a black projector in a second, where a dark
         photo tells it and nothing else takes it off.
+    whites : photos of all light that this made of the very same shots before.
     """
     weights = {photo.name: weigh_cells(photo, shots, normalise) for photo in recipe.photos}
     missing = {
         name: expand_to_quads(wrong, cells, weights[name].realised.fine)
         for name, wrong in _missing(recipe, weights, learned).items()
     }
-    photos = scale_photos(recipe, weights, shots, cells, missing, borders, room)
+    photos = scale_photos(recipe, weights, shots, cells, missing, borders, room, whites)
     for photo in recipe.photos:
         if not smooth or not _holds_smooth_light(photo):
             continue

@@ -31,7 +31,7 @@ from pdcd.pictures.sigma import (
     sample_part_quads,
     to_quad_errors,
 )
-from pdcd.pictures.to_cells import QuadSample, average_part, average_picture, choose_part_cells
+from pdcd.pictures.to_cells import QuadSample, average_light, average_part, choose_part_cells
 from pdcd.recipes.parts import FEWEST_PARTS, select_parts
 from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.record import ShotRecord
@@ -60,6 +60,8 @@ class RollingPictures:
         paths = any(photo.paths for photo in recipe.photos)
         self._learned = darkroom.learned(watch) if paths else None
         self._parted = choose_part_cells(darkroom.cells)
+        self._whites: dict[str, tuple[list[ExposedShot], Picture]] = {}
+        """Photos of all light, by what they were made of: they are taken once in a set."""
         self._newest: list[int] = []
         self._told: dict[int, Floats] = {}
         """The picture of each part on cells, as parts differ by it."""
@@ -106,13 +108,25 @@ class RollingPictures:
         self, parts: list[int], shots: Mapping[str, ExposedShot], alive: Callable[[], None]
     ) -> dict[str, Picture]:
         """Scaled photos of these parts."""
-        record = self._darkroom.record
+        record, recipe = self._darkroom.record, select_parts(self._recipe, parts)
         borders, room = self._darkroom.seen_light()
-        return make_corrected_photos(
-            select_parts(self._recipe, parts), shots, self._learned, self._darkroom.cells,
+        used = {
+            photo.name: [shots[name] for _, name in photo.shots]
+            for photo in recipe.photos
+            if photo.name in list_white_photos(recipe)
+        }
+        same = {
+            name: picture
+            for name, (before, picture) in self._whites.items()
+            if all(one is old for one, old in zip(used[name], before, strict=True))
+        }
+        made = make_corrected_photos(
+            recipe, shots, self._learned, self._darkroom.cells,
             normalise=record.normalise, smooth=record.smooth, alive=alive, borders=borders,
-            room=room,
+            room=room, whites=same,
         )  # fmt: skip
+        self._whites = {name: (taken, made[name]) for name, taken in used.items()}
+        return made
 
     def _with_bars(
         self,
@@ -152,7 +166,7 @@ class RollingPictures:
                 self._of_quads = estimate_photo_quad_shares(parts, shots, self._picked)
         self._due -= 1
         return {
-            name: to_quad_errors(share / over, average_picture(photos[name], self._parted).image)
+            name: to_quad_errors(share / over, average_light(photos[name], self._parted))
             for name, share in self._of_quads.items()
         }
 

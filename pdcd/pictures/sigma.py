@@ -20,7 +20,7 @@ from pdcd.arrays import Floats
 from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.picture import Picture, PictureWithErrors, sum_weighted, with_error_bars
 from pdcd.pictures.smooth import average_neighbour_weights
-from pdcd.pictures.to_cells import QuadSample, average_picture, choose_part_cells, sample_quads
+from pdcd.pictures.to_cells import QuadSample, average_light, choose_part_cells, sample_quads
 from pdcd.pictures.weights import CellWeights
 from pdcd.recipes.parts import list_parts
 from pdcd.recipes.recipe import Recipe
@@ -149,7 +149,7 @@ def estimate_photo_quad_errors(
     if picked is None:
         return {}
     return {
-        name: to_quad_errors(share / count, average_picture(photos[name], parted).image)
+        name: to_quad_errors(share / count, average_light(photos[name], parted))
         for name, share in estimate_photo_quad_shares(recipe, shots, picked).items()
     }
 

@@ -97,6 +97,12 @@ def average_picture(picture: Picture, cells: CellMap) -> Picture:
     return Picture(image.reshape(shape), sigma.reshape(shape))
 
 
+def average_light(picture: Picture, cells: CellMap) -> Floats:
+    """The image of that alone, in half the time."""
+    image, _ = _means(picture.image, _known(picture, cells), cells)
+    return image.reshape(*cells.grid, -1)
+
+
 def average_with_errors(picture: PictureWithErrors, cells: CellMap) -> PictureWithErrors:
     """The same of a picture with its whole error: (rows, cols, C) float64 each.
 

@@ -276,6 +276,15 @@ def _lines(cells: CellMap) -> tuple[bool, sparse.csr_array, sparse.csr_array] | 
     return make_axis_weights(cells.filled, cells.frame, cells.grid)
 
 
+@lru_cache(maxsize=64)
+def _line_rows(cells: CellMap, start: int, stop: int) -> sparse.csr_array:
+    """Some rows of the weights along columns; a picture takes each band of them many times."""
+    lines = _lines(cells)
+    if lines is None:
+        raise ValueError("no upright map")
+    return lines[1][start:stop]
+
+
 def _smooth(cells: CellMap, table: Floats) -> OfRows:
     lines = _lines(cells)
     if lines is None:
@@ -283,7 +292,7 @@ def _smooth(cells: CellMap, table: Floats) -> OfRows:
 
         places, values = _places(cells), table.astype(np.float32)
         return lambda rows: interpolate_between_cells(values, places[:, rows])
-    turned, down, right = lines
+    turned, _, right = lines
     table = np.ascontiguousarray(table if turned else table.T)
     across = np.ascontiguousarray((right @ table).T)
-    return lambda rows: np.asarray(down[rows] @ across)
+    return lambda rows: np.asarray(_line_rows(cells, rows.start, rows.stop) @ across)

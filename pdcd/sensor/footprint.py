@@ -103,12 +103,17 @@ class _Axes:
         across = np.ascontiguousarray((self.right @ np.ascontiguousarray(table.T)).T)
         return np.asarray(self.down @ across)
 
+    @cached_property
+    def _sums(self) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+        """What sums over pieces, down and right: shares, and their squares."""
+        both = self.down, self.right
+        (down, right), (down2, right2) = both, (axis.power(2) for axis in both)
+        return (down.T, right.T), (down2.T, right2.T)
+
     def collect(self, image: NDArray[Any], *, squares: bool) -> Floats:
-        down, right = self.down, self.right
-        if squares:
-            down, right = down.power(2), right.power(2)
-        rows = down.T @ np.asarray(image, dtype=np.float64)
-        table = np.asarray((right.T @ np.ascontiguousarray(rows.T)).T)
+        down, right = self._sums[squares]
+        rows = down @ np.asarray(image, dtype=np.float64)
+        table = np.asarray((right @ np.ascontiguousarray(rows.T)).T)
         return table.T if self.turned else table
 
 

@@ -251,7 +251,7 @@ def test_a_camera_that_hangs_is_left_by_a_cancel(plain: Engine) -> None:
     assert result.state == "cancelled" and is_safe(plain) and len(viewer.seen) >= 3
 
 
-def test_time_ends_it_as_done_and_codes_are_loaded_once_where_nothing_changes(
+def test_time_ends_it_as_done(
     plain: Engine,
 ) -> None:
     viewer = Viewer(10**6)
