@@ -155,7 +155,7 @@ def body(folder: Path) -> Iterator[Bench]:
     config = _written(
         folder,
         rig=RigConfig(clock="real", on_miss="flag", settle_s=0.03),
-        camera=CameraConfig(driver="ptp", noise="none", f_number=8.0, fetch_timeout_s=8.0),
+        camera=CameraConfig(driver="ptp", noise="none", f_number=8.0, fetch_timeout_s=20.0),
         trigger=TriggerConfig(driver="ptp"),
     )
     try:
