@@ -141,6 +141,7 @@ class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
     isos: tuple[int, ...]
     f_numbers: tuple[float, ...]
     frame_quads: tuple[int, int] | None
+    cfa: str | None = "RGGB"
 
     @classmethod
     def of(cls, info: CameraInfo) -> CameraRecord:
@@ -153,6 +154,7 @@ class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
             isos=info.isos,
             f_numbers=info.f_numbers,
             frame_quads=info.frame_quads,
+            cfa=info.cfa,
         )
 
     @property
@@ -166,6 +168,7 @@ class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
             isos=self.isos,
             f_numbers=self.f_numbers,
             frame_quads=self.frame_quads,
+            cfa=self.cfa,
         )
 
 

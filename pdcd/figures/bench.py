@@ -112,6 +112,22 @@ def _find_aperture(f_number: float | None, profile: str) -> float | Literal["aut
     return f_number * math.sqrt(fills[0] / fills[1])
 
 
+def count_equal_photos(profile: str) -> int:
+    """Photos by a sensor that add up to the light of one by the paper's: to no more noise of a
+    filled pixel, over its light and over all colours, of photons and of reading."""
+    return math.ceil(_relative_variance(profile) / _relative_variance(PAPER_PROFILE))
+
+
+def _relative_variance(profile: str) -> float:
+    """Of the colours of a pixel whose brightest sample is full, over their light, in squares."""
+    body = load_profile(profile)
+    row, of_unit = body.rows[0], responsivity_e(CameraConfig(), body.colours)
+    full_e = body.saturation_dn(row.iso) * row.gain_e_per_dn
+    light_e = full_e * of_unit / of_unit.max()
+    samples = np.array([1, 2, 1] if body.colours == 3 else [1])
+    return float(np.mean((light_e + row.read_noise_e**2) / light_e**2 / samples))
+
+
 def _truth(mode: FigureMode) -> BenchTruth:
     """What the bench really is."""
     return BenchTruth(

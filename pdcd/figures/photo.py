@@ -22,7 +22,7 @@ from pdcd.api.local import LocalBench, local
 from pdcd.api.run import Run
 from pdcd.capture.worker.truths import compute_true_pictures
 from pdcd.errors import Cancelled, PdcdError
-from pdcd.figures.bench import BORDER_PX, PROJECTOR_PX, make_figure_config
+from pdcd.figures.bench import BORDER_PX, PROJECTOR_PX, count_equal_photos, make_figure_config
 from pdcd.figures.figure import FigureMode, FigurePhoto, FigureTake
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import TRANSPORT
@@ -69,6 +69,8 @@ def _photograph(
 ) -> FigurePhoto:
     """Take one photo, as `Bench.capture` does, but without a report; the run is gone after it."""
     keywords = dict(take.asked)
+    if (photos := count_equal_photos(mode.profile)) > 1:
+        keywords["repeat"] = photos
     if "codes" in keywords:  # the paper's photos are one exposure each
         keywords = {"pilot": 0, "parts": 1, **keywords}
         if not take.all_codes:

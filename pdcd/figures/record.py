@@ -30,7 +30,6 @@ import msgspec
 import numpy as np
 
 from pdcd.figures.figure import (
-    PAPER_PROFILE,
     BoundedNumber,
     FigureMode,
     FigurePhoto,
@@ -56,7 +55,7 @@ def record_of(
     **more: Any,
 ) -> PaperFigureRecord:
     """The record of a figure made in a mode; more : its other fields."""
-    captures = [capture_told(name, takes[name], photos[name], mode) for name in takes]
+    captures = [capture_told(name, takes[name], photos[name]) for name in takes]
     texts = ("number", "title", "see", "paper", "unlike")
     return {
         **{name: getattr(figure, name) for name in texts},
@@ -69,18 +68,10 @@ def record_of(
     }
 
 
-def capture_told(
-    name: str, take: FigureTake, photo: FigurePhoto, mode: FigureMode
-) -> dict[str, Any]:
+def capture_told(name: str, take: FigureTake, photo: FigurePhoto) -> dict[str, Any]:
     """A capture in figures. `error` is a share of the truth's RMS, of entries of T where these were
-    photographed; `held` is whether it is within its `bound`, where it has one.
-
-    Bounds are stated with the noise of the paper's sensor in them. With another one, an error may
-    have as much more as that one's own noise is, by the error bars."""
+    photographed; `held` is whether it is within its `bound`, where it has one."""
     told, bound = photo.summary, take.bound
-    noise = None if told.get("sigma_kind") == "measured" else told.get("rms_sigma")
-    if bound is not None and noise is not None and mode.profile != PAPER_PROFILE:
-        bound = math.hypot(bound, noise)
     number = BoundedNumber("", _error(photo), most=bound)
     return {
         "name": name,

@@ -40,7 +40,12 @@ from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.dead import can_tell_samples, find_dead_samples
+from pdcd.sensor.dead import (
+    can_tell_samples,
+    find_dead_samples,
+    find_full_level,
+    mark_full_samples,
+)
 from pdcd.sensor.raw import RawFrame, compute_colour_variance, to_colours
 from pdcd.sensor.shelf import PhotoShelf
 from pdcd.watch import Watch
@@ -78,6 +83,7 @@ class Darkroom:
         self._like: tuple[str, int] | None = None
         self._seen: tuple[object, tuple[BorderMeasurement | None, Floats | None]] | None = None
         self._dead: Bools | None = None
+        self._full_dn: dict[int, float] = {}
         self.replan(record)
 
     @property
@@ -384,7 +390,7 @@ class Darkroom:
         """A shot out of its RAW file, and what the panels did in it."""
         profile = self._record.profile
         self._check(shot, raw)
-        raw = self._without_dead(shot, raw)
+        raw = self._without_dead(shot, self._without_full(shot, raw))
         raw = raw if self._side == 1 else raw.binned(self._side)
         exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
         factors = self._to_units(shot.iso, shot.f_number) / (shot.level or 1.0)
@@ -392,6 +398,22 @@ class Darkroom:
         if shot.window == "whole":
             realised = replace(realised, apart=self._strips)
         return RawShot(raw, profile, shot.iso, exposure_s, factors, realised, shown.missed)
+
+    def _without_full(self, shot: ShotRecord, raw: RawFrame) -> RawFrame:
+        """The same with full samples as saturated ones, by where those of this photo or of one
+        before end; a warning says so."""
+        found = find_full_level(raw, self._record.profile, shot.iso)
+        if found is not None:
+            self._full_dn[shot.iso] = min(found, self._full_dn.get(shot.iso, found))
+        level = self._full_dn.get(shot.iso)
+        if level is None:
+            return raw
+        stated = self._record.profile.saturation_dn(shot.iso)
+        said = (
+            f"samples end at {100.0 * level / stated:.0f} % of the sensor profile's saturation: "
+            "these are saturated; measure the sensor (pdcd calibrate sensor)"
+        )
+        return replace(mark_full_samples(raw, level), doubts=(*raw.doubts, said))
 
     def _without_dead(self, shot: ShotRecord, raw: RawFrame) -> RawFrame:
         """The same with dead quads as saturated ones, of which nothing is known; where a white shot

@@ -1,7 +1,9 @@
-"""Samples that do not follow the light: dead ones in a white photo, stuck ones in test exposures.
+"""Samples that do not follow the light: dead ones in a white photo, stuck ones in test exposures,
+full ones of a sensor that holds less than its profile says.
 
-Neighbours tell. A lens spreads the light of any point over several samples, so that none stays
-dark between lit ones, and none is bright by itself.
+Neighbours tell of the first two. A lens spreads the light of any point over several samples, so
+that none stays dark between lit ones, and none is bright by itself. Noise tells of the third: what
+is full has none of photons, so that far more samples end at one level than below it.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 
 from pdcd.arrays import Bools
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.profile import SensorProfile
+from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
 from pdcd.sensor.raw import RawFrame
 
 _BESIDE = tuple(
@@ -34,6 +36,14 @@ _FINE = 1.0 / 15.0
 """Cells that a quad covers, at most, where its neighbours tell of it."""
 _STUCK = 0.5
 """Share of saturation that neighbours of a saturated sample stay below where it is stuck."""
+_PILE, _PILE_TIMES = 64, 4
+"""Samples at the upper end, and times those as far below it, that noise of photons never leaves."""
+_READ_SPREAD = 7.0
+"""Read noises from the brightest of many full samples down to almost all of them."""
+_LEAST_NOISE = 3.0
+"""Noise of the brightest light over that of reading, from which the two are told apart."""
+_NOISY = 0.5
+"""Share of the noise foreseen that a photo has at least where its noise may tell of it."""
 
 
 def can_tell_samples(cells: CellMap) -> bool:
@@ -70,3 +80,40 @@ def find_stuck_samples(frame: RawFrame, saturation_dn: float) -> Bools:
         return frame.saturated
     light: NDArray[np.float32] = frame.planes.max(axis=0)
     return np.asarray(frame.saturated & (cv2.dilate(light, _AROUND) < _STUCK * saturation_dn))
+
+
+def find_full_level(frame: RawFrame, profile: SensorProfile, iso: int) -> float | None:
+    """DN above black from which samples of a photo are full, where they are so below what the
+    profile says; None where none are. Raises ConfigError when the profile has no such ISO."""
+    free = [light[~frame.saturated] for light in frame.planes]
+    top = max(float(light.max(initial=0.0)) for light in free)
+    read_dn, noise_dn = np.sqrt(compute_variance_dn2([0.0, top], profile, iso, 0.0))
+    if noise_dn < _LEAST_NOISE * read_dn:
+        return None
+    width = max(0.5 * noise_dn, _READ_SPREAD * read_dn)
+    full = sum(int(np.count_nonzero(light >= top - width)) for light in free)
+    if full < _PILE:
+        return None
+    below = sum(int(np.count_nonzero(light >= top - 2.0 * width)) for light in free) - full
+    if full < _PILE_TIMES * below or not _has_noise(frame, profile, iso, top - width):
+        return None
+    return float(top - width)
+
+
+def mark_full_samples(frame: RawFrame, level_dn: float) -> RawFrame:
+    """The same with what is at that level above black, or over it, as saturated."""
+    return frame.without((frame.planes >= np.float32(level_dn)).any(axis=0))
+
+
+def _has_noise(frame: RawFrame, profile: SensorProfile, iso: int, below_dn: float) -> bool:
+    """Whether samples beside each other differ by the noise of their light, of those below a level:
+    of an average of many photos, or a sensor without noise, an even wall ends at one level, too."""
+    ratios = []
+    for light in frame.planes:
+        one, other = light[:, :-1:2], light[:, 1::2]
+        mean = 0.5 * (one + other)
+        where = (mean > 0.1 * below_dn) & (np.maximum(one, other) < below_dn)
+        noise = np.sqrt(2.0 * compute_variance_dn2(mean[where], profile, iso, 0.0))
+        ratios.append(np.abs(one[where] - other[where]) / noise)
+    every = np.concatenate(ratios)
+    return bool(every.size) and float(np.median(every)) > _NOISY * 0.6745

@@ -41,7 +41,12 @@ from pdcd.planning.plan import ShotSequence
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import DarkPhoto, MeterRecord
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.dead import can_tell_samples, find_stuck_samples
+from pdcd.sensor.dead import (
+    can_tell_samples,
+    find_full_level,
+    find_stuck_samples,
+    mark_full_samples,
+)
 from pdcd.sensor.raw import RawFrame
 from pdcd.sensor.shelf import PhotoShelf
 
@@ -268,6 +273,8 @@ class Exposer:
         aperture, as shares of saturation. What is saturated by itself at any aperture is stuck, and
         no light. Raises DecodeError."""
         frame = self._read(raw, sha256, saturation_dn)
+        level = find_full_level(frame, self.facts.profile, self.iso)
+        frame = frame if level is None else mark_full_samples(frame, level)
         config = self.facts.config
         cells = CellMap(
             grid=self.facts.grid,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import pdcd
 from drivers.mock.camera import BenchSensor
-from pdcd.bench.tables import CameraConfig, Config, RigConfig, SceneConfig
+from pdcd.bench.tables import BenchConfig, CameraConfig, Config, RigConfig, SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.pictures.written.export import ExportRequest, export_run_pictures
 from tests import bench_rig
@@ -136,6 +136,22 @@ def test_dead_columns_and_stuck_pixels_spoil_nothing(tmp_path: Path) -> None:
     truth = pdcd.open(made.folder).truth
     off = (made.image - truth) / made.probe["sigma"]
     assert 0.7 < np.sqrt(np.mean(off**2)) < 1.3
+    assert made.decodes_the_same()
+
+
+def test_a_sensor_that_is_full_below_its_profile_is_told(tmp_path: Path) -> None:
+    """At a fixed aperture that is much too wide: pixels end at three fifths of what was stated,
+    and pictures are of what they hold, and not of light."""
+    truth = tmp_path / "truth.toml"
+    truth.write_text("[sensor]\nfull_well = 0.6\n")
+    camera = CameraConfig(profile="mono", quads_per_cell=4, f_number=4.0)
+    scene = SceneConfig(kind="wax-disk", grid=(12, 16))
+    bench = BenchConfig(truth=str(truth))
+    made = take(bench_rig.config(tmp_path, camera=camera, scene=scene, bench=bench), codes=96)
+    assert made.quality.verdict == "bad"
+    assert any("of the field is saturated" in reason for reason in made.quality.reasons)
+    (said,) = (text for text in made.warnings if "samples end" in text)
+    assert "at 62 % of the sensor profile's saturation" in said
     assert made.decodes_the_same()
 
 

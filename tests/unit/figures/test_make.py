@@ -251,21 +251,10 @@ def test_bounds(value: float, least: float | None, most: float | None, held: boo
 )  # fmt: skip
 def test_a_capture_is_held_against_its_bound(bound: float | None, error: float, held: bool) -> None:
     photo = replace(PHOTO, errors={"indirect": error}, summary={"family": "none", "codes": 8})
-    found = capture_told("ours", replace(TAKE, bound=bound), photo, TINY_MODE)
+    found = capture_told("ours", replace(TAKE, bound=bound), photo)
     assert found["held"] is held and (found["error"] is None) == bool(np.isnan(error))
     told = [found[name] for name in ("name", "scene", "codes", "exposures", "family")]
     assert told == ["ours", "still-life", None, None, "none"]
-
-
-def test_another_sensor_may_err_by_its_own_noise_more() -> None:
-    """Four parts in a hundred stated, three of noise: five. What codes err is no noise."""
-    photo = replace(PHOTO, errors={"indirect": 0.045}, summary={"rms_sigma": 0.03})
-    take, grey = replace(TAKE, bound=0.04), replace(TINY_MODE, profile="mono")
-    told = {mode.profile: capture_told("a", take, photo, mode) for mode in (TINY_MODE, grey)}
-    assert (told["mono"]["bound"], told["mono"]["held"]) == (pytest.approx(0.05), True)
-    assert (told["450d"]["bound"], told["450d"]["held"]) == (0.04, False)
-    measured = replace(photo, summary={"rms_sigma": 0.03, "sigma_kind": "measured"})
-    assert capture_told("a", take, measured, grey)["bound"] == 0.04
 
 
 def test_a_capture_of_entries_is_judged_by_these() -> None:
@@ -273,9 +262,9 @@ def test_a_capture_of_entries_is_judged_by_these() -> None:
     entries = truth + 0.5
     entries[0, 0] = np.nan
     one = replace(PHOTO, transport=entries, transport_truth=truth)
-    assert capture_told("slice", TAKE, one, TINY_MODE)["error"] == pytest.approx(0.25)
+    assert capture_told("slice", TAKE, one)["error"] == pytest.approx(0.25)
     assert (
-        capture_told("slice", TAKE, replace(one, transport_truth=None), TINY_MODE)["error"] is None
+        capture_told("slice", TAKE, replace(one, transport_truth=None))["error"] is None
     )
 
 

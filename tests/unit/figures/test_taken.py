@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures import fig01, fig05, fig07, fig08, fig09, fig10, fig11, fig12, tables
+from pdcd.figures.bench import count_equal_photos
 from pdcd.figures.figure import TINY_MODE, FigurePhoto, PaperFigure, Photos
 from pdcd.figures.places import average_patch
 from pdcd.virtual.scene.build import build_scene
@@ -85,6 +86,16 @@ def test_a_fixed_aperture_fills_another_sensor_as_much() -> None:
     photos = taken(fig07.FIGURE, ("diagonal, codes", "indirect, codes"), "mono")
     assert all(photo.image.shape[2] == 1 for photo in photos.values())
     assert photos["diagonal, codes"].error < 0.06 and photos["indirect, codes"].error < 0.2
+
+
+def test_another_sensor_takes_as_much_light() -> None:
+    """A sample of 10 500 electrons against four of up to 40 200, of which red and blue ones see
+    half as much as green ones."""
+    assert {name: count_equal_photos(name) for name in ("450d", "mono", "modern")} == {
+        "450d": 1, "mono": 3, "modern": 1,
+    }  # fmt: skip
+    photo = taken(fig07.FIGURE, ("indirect, codes",), "mono")["indirect, codes"]
+    assert photo.summary["shots"] == 3
 
 
 def test_figure_8() -> None:

@@ -1,4 +1,4 @@
-"""Samples that do not follow the light: dead ones, and stuck ones."""
+"""Samples that do not follow the light: dead ones, stuck ones, and full ones."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.dead import can_tell_samples, find_dead_samples, find_stuck_samples
+from pdcd.sensor.dead import (
+    can_tell_samples,
+    find_dead_samples,
+    find_full_level,
+    find_stuck_samples,
+    mark_full_samples,
+)
 from pdcd.sensor.dng import write_dng
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import RawFrame, read_raw
@@ -130,3 +136,44 @@ def test_a_stuck_sample_is_saturated_by_itself(beside: int, alone: bool, tmp_pat
 def test_neighbours_tell_where_cells_are_larger(side: int, fine: bool) -> None:
     cells = CellMap.block((3, 4), (3 * side, 4 * side))
     assert can_tell_samples(cells) == fine
+
+
+def full_at(samples_e: NDArray[np.float64], full_e: float, iso: int) -> Samples:
+    """Electrons of light, with their noise, in a sensor that holds fewer than its profile says."""
+    rng, row = np.random.default_rng(2), BODY.row(iso)
+    held = np.minimum(rng.poisson(samples_e), full_e)
+    held = held + row.read_noise_e * rng.standard_normal(held.shape)
+    return np.clip(np.rint(BLACK + held / row.gain_e_per_dn), 0, WHITE).astype(np.uint16)
+
+
+RAMP = np.linspace(0.02, 1.5, 40_000).reshape(200, 200)
+
+
+@pytest.mark.parametrize("iso", [100, 800])
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.85])
+def test_samples_are_full_far_below_what_the_profile_says(
+    tmp_path: Path, share: float, iso: int
+) -> None:
+    row = BODY.row(iso)
+    full_e = share * BODY.saturation_dn(iso) * row.gain_e_per_dn
+    frame = photo(tmp_path, full_at(full_e * RAMP, full_e, iso))
+    level = find_full_level(frame, BODY, iso)
+    assert level is not None and 0.9 * full_e < level * row.gain_e_per_dn < full_e
+    full = mark_full_samples(frame, level).saturated
+    assert full[RAMP > 1.2].mean() > 0.999 and not full[RAMP < 0.7].any()
+
+
+@pytest.mark.parametrize("top", [0.0, 0.01, 0.3, 0.8])
+def test_light_that_ends_at_its_own_noise_is_not_full(tmp_path: Path, top: float) -> None:
+    """A ramp, a card that is lit evenly and one with a glint, at any level."""
+    full_e = BODY.saturation_dn(100) * BODY.row(100).gain_e_per_dn
+    even, glint = np.full(RAMP.shape, top), np.full(RAMP.shape, top)
+    glint[:5, :5] = 0.9
+    for light in (top * RAMP / RAMP.max(), even, glint):
+        frame = photo(tmp_path, full_at(full_e * light, full_e, 100))
+        assert find_full_level(frame, BODY, 100) is None
+
+
+def test_an_even_wall_without_noise_is_not_full(tmp_path: Path) -> None:
+    samples = np.minimum(BLACK + 3000.0 * RAMP, BLACK + 2000.0).astype(np.uint16)
+    assert find_full_level(photo(tmp_path, samples), BODY, 100) is None
