@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.arrays import Bools
+from pdcd.arrays import Bools, Floats
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
 from pdcd.sensor.raw import RawFrame
@@ -85,24 +85,33 @@ def find_stuck_samples(frame: RawFrame, saturation_dn: float) -> Bools:
 def find_full_level(frame: RawFrame, profile: SensorProfile, iso: int) -> float | None:
     """DN above black from which samples of a photo are full, where they are so below what the
     profile says; None where none are. Raises ConfigError when the profile has no such ISO."""
-    free = [light[~frame.saturated] for light in frame.planes]
-    top = max(float(light.max(initial=0.0)) for light in free)
+    free = frame.samples
+    if frame.saturated.any():
+        free = np.where(frame.saturated, free.dtype.type(0), free)
+    top = max(float(light.max()) - black for light, black in zip(free, frame.black, strict=True))
     read_dn, noise_dn = np.sqrt(compute_variance_dn2([0.0, top], profile, iso, 0.0))
     if noise_dn < _LEAST_NOISE * read_dn:
         return None
     width = max(0.5 * noise_dn, _READ_SPREAD * read_dn)
-    full = sum(int(np.count_nonzero(light >= top - width)) for light in free)
+    full = _count_from(free, frame.black + (top - width))
     if full < _PILE:
         return None
-    below = sum(int(np.count_nonzero(light >= top - 2.0 * width)) for light in free) - full
+    below = _count_from(free, frame.black + (top - 2.0 * width)) - full
     if full < _PILE_TIMES * below or not _has_noise(frame, profile, iso, top - width):
         return None
     return float(top - width)
 
 
+def _count_from(samples: NDArray[np.generic], levels: Floats) -> int:
+    """Samples of all planes from these levels on; whole numbers are compared as such."""
+    whole = np.ceil(levels).astype(np.int64) if samples.dtype == np.uint16 else levels
+    found = (light >= level for light, level in zip(samples, whole.tolist(), strict=True))
+    return sum(int(np.count_nonzero(where)) for where in found)
+
+
 def mark_full_samples(frame: RawFrame, level_dn: float) -> RawFrame:
     """The same with what is at that level above black, or over it, as saturated."""
-    return frame.without((frame.planes >= np.float32(level_dn)).any(axis=0))
+    return frame.without(np.asarray((frame.planes >= np.float32(level_dn)).any(axis=0)))
 
 
 def _has_noise(frame: RawFrame, profile: SensorProfile, iso: int, below_dn: float) -> bool:

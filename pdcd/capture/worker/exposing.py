@@ -178,6 +178,9 @@ class Exposer:
             self.apertures[lead.kind] = yield from self._metered(lead, shown(lead), first)
             self._begin(self.apertures[lead.kind])
         if shot.kind not in self.apertures:
+            if shot.of_leaks:  # what leaks says nothing of the light of those that share its stop
+                lit = (one for one in planned if one.kind == shot.kind and not one.of_leaks)
+                shot = next(lit, shot)
             own, sequence = self.stops[0].f_number, shown(shot)
             found = yield from self._metered(shot, sequence, own, join=True)
             if found != own:

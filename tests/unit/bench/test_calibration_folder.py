@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from pdcd.bench import calibration
 from pdcd.bench.calibration import (
     CALIBRATION_DIGEST,
     RECORD,
+    CameraRecord,
     PhotoRecord,
     format_digest_line,
     read_calibration,
@@ -87,3 +89,9 @@ def test_numbers_and_names_of_a_photo_have_bounds(wrong: dict[str, Any]) -> None
     assert msgspec.convert({**PHOTO, "name": "x" * 100}, PhotoRecord).refreshes == 2**62
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert(PHOTO | wrong, PhotoRecord)
+
+
+@pytest.mark.parametrize("cfa", ["GBRG", None])
+def test_a_camera_is_given_back_with_its_mosaic(cfa: str | None) -> None:
+    info = replace(record().camera.info, cfa=cfa)
+    assert CameraRecord.of(info).info.cfa == cfa

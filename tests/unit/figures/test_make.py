@@ -263,9 +263,7 @@ def test_a_capture_of_entries_is_judged_by_these() -> None:
     entries[0, 0] = np.nan
     one = replace(PHOTO, transport=entries, transport_truth=truth)
     assert capture_told("slice", TAKE, one)["error"] == pytest.approx(0.25)
-    assert (
-        capture_told("slice", TAKE, replace(one, transport_truth=None))["error"] is None
-    )
+    assert capture_told("slice", TAKE, replace(one, transport_truth=None))["error"] is None
 
 
 def test_all_figures_are_whole() -> None:

@@ -43,10 +43,12 @@ def exposer(f_number: Any = "auto", f_numbers: Any = (4.0, 8.0), iso: int | None
     )
 
 
-def metered(made: Exposer, shot: Shot = CODED, *, planes: int = 1) -> tuple[float, list[Order]]:
+def metered(
+    made: Exposer, shot: Shot = CODED, *, planes: int = 1, planned: Any = PLAN.recipe.shots
+) -> tuple[float, list[Order]]:
     """The aperture, and what was ordered for it; photos come as they are wanted."""
     orders: list[Order] = []
-    asking = made.aperture(shot, PLAN.recipe.shots, PLAN.sequence)
+    asking = made.aperture(shot, planned, PLAN.sequence)
     taken = None
     while True:
         try:
@@ -118,6 +120,17 @@ def test_metering_that_does_not_settle_is_told_of(shares: dict[str, Any]) -> Non
     f_number, orders = metered(made)
     assert f_number == 4.0 and len(orders) == MAX_TESTS
     assert made.orders.end().notes[-1] == "metering of coded did not settle; took f/4"
+
+
+def test_a_shot_of_leaks_takes_the_stop_of_the_light_that_it_is_taken_off(
+    shares: dict[str, Any],
+) -> None:
+    """It comes first, and is so dark that its own stop would saturate the other."""
+    far, leaks = Shot("far", "far"), Shot("far-black-dual", "far", dual_black=True)
+    made = exposer()
+    orders = metered(made, leaks, planned=(WHITE, CODED, leaks, far))[1]
+    names = [order.photo.name for order in orders if order.photo is not None]
+    assert names[:3] == ["meter-coded-1", "meter-coded-2", "meter-far-1"]
 
 
 @pytest.mark.parametrize(
@@ -224,6 +237,7 @@ def test_a_test_exposure_is_held_against_the_cells(
         return frame
 
     monkeypatch.setattr(PhotoShelf, "read", read)
+    monkeypatch.setattr(exposing, "find_full_level", lambda *_: None)
     made = exposer()
     made.facts = RigFacts(Config(), PROFILE, (3, 4), None)
     peak, expected = made._shares("raw/a.dng", SHA, 8.0, np.full((3, 4), 2.0), 100.0)
