@@ -69,7 +69,8 @@ def _photograph(
 ) -> FigurePhoto:
     """Take one photo, as `Bench.capture` does, but without a report; the run is gone after it."""
     keywords = dict(take.asked)
-    if (photos := count_equal_photos(mode.profile)) > 1:
+    photos = count_equal_photos(mode.profile)
+    if photos > 1 and take.f_number is None:  # else the light of one photo is the matter
         keywords["repeat"] = photos
     if "codes" in keywords:  # the paper's photos are one exposure each
         keywords = {"pilot": 0, "parts": 1, **keywords}

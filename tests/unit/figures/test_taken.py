@@ -94,8 +94,8 @@ def test_another_sensor_takes_as_much_light() -> None:
     assert {name: count_equal_photos(name) for name in ("450d", "mono", "modern")} == {
         "450d": 1, "mono": 3, "modern": 1,
     }  # fmt: skip
-    photo = taken(fig07.FIGURE, ("indirect, codes",), "mono")["indirect, codes"]
-    assert photo.summary["shots"] == 3
+    for profile, shots in (("450d", 2), ("mono", 6)):
+        assert taken(fig08.FIGURE, ("1/2, ours",), profile)["1/2, ours"].summary["shots"] == shots
 
 
 def test_figure_8() -> None:
