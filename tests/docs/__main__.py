@@ -1,7 +1,7 @@
 """Entry point: ``python -m tests.docs [--only oldest|newest] [--page README.md] [--whole]``.
 
 In a bare Debian with the oldest Python that serves, and in one with the newest that can be had:
-every block of the README in order, as its reader would type it, the tutorial, and how to install.
+every block of README and tour in order, as their reader would type it, the tutorial, and how to install.
 What they print is held against what the pages show. The tree is that of the last commit. `make
 test`, which the README begins with, is run whole by the newest Python; by the oldest, by which the
 tests are run outside, a part of it, unless it is to be the `whole`.
@@ -36,7 +36,7 @@ from tests.docs.typing_in import LIMIT_S, Told, run_block
 from tests.places import ROOT
 
 RELEASES = {"oldest": OLDEST, "newest": NEWEST}
-PAGES = ("README.md", PAGE, "docs/install.md")
+PAGES = ("README.md", "docs/tour.md", PAGE, "docs/install.md")
 _TAIL_LINES = 30
 _lock = threading.Lock()
 

@@ -1,5 +1,5 @@
-"""The README's examples run as they stand, in a shell and in Python, in a home that is empty; a
-daemon that starts anew knows its runs."""
+"""The examples of README and tour run as they stand, in a shell and in Python, in a home that is
+empty; a daemon that starts anew knows its runs."""
 
 from __future__ import annotations
 
@@ -23,14 +23,9 @@ from tests.places import ROOT
 from tests.tools import program
 
 PATIENCE_S = 60.0
-EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-
-
-COMMANDS = re.findall(
-    r"^    ((?:\.venv/bin/pdcd|printf|kill|make) .*)$",
-    (ROOT / "README.md").read_text(),
-    re.MULTILINE,
-)
+PAGES = "".join((ROOT / page).read_text() for page in ("README.md", "docs/tour.md"))
+EXAMPLES = re.findall(r"```python\n(.*?)```", PAGES, re.DOTALL)
+COMMANDS = re.findall(r"^    ((?:\.venv/bin/pdcd|printf|kill|make) .*)$", PAGES, re.MULTILINE)
 LEFT_OUT = {
     "make demo": "sets up .venv; what it then runs is tried by tests/e2e/cli/test_wheel.py",
     "make test": "is what runs this",
@@ -53,7 +48,7 @@ size_px = [400, 300]
 [scene]
 grid = [26, 34]
 """
-"""The bench of who has a small one; the README names cell 24, 32."""
+"""The bench of who has a small one; the tour names cell 24, 32."""
 AFTER = (
     ".venv/bin/pdcd plan indirect --window quarter",
     ".venv/bin/pdcd capture indirect --local --out runs/again",
@@ -167,7 +162,7 @@ def type_lines(environ: dict[str, str], folder: Path, lines: list[str]) -> None:
 
 
 def typed_lines() -> list[str]:
-    """What the README has one type, but for what is left out."""
+    """What README and tour have one type, but for what is left out."""
     gone = {head: [line for line in COMMANDS if head in line] for head in LEFT_OUT}
     assert all(gone.values()), gone
     return [line for line in COMMANDS if not any(line in lines for lines in gone.values())]

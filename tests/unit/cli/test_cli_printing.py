@@ -107,4 +107,4 @@ def test_what_can_be_seen_stays_and_all_else_is_escaped(text: str) -> None:
 
 def test_exit_code_6_is_for_what_one_may_not() -> None:
     assert exit_code_of("denied") == DENIED == 6
-    assert "6 not allowed" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "6 not allowed" in (ROOT / "docs" / "tour.md").read_text(encoding="utf-8")
