@@ -29,6 +29,8 @@ COMMANDS = re.findall(r"^    ((?:\.venv/bin/pdcd|printf|kill|make) .*)$", PAGES,
 LEFT_OUT = {
     "make demo": "sets up .venv; what it then runs is tried by tests/e2e/cli/test_wheel.py",
     "make test": "is what runs this",
+    "make web": "serves until it is interrupted",
+    "make notebook": "the same",
     "pdcd figures": "minutes; tests/unit/figures and test_figures_golden take them smaller",
     "pdcd init": "asks; tests/e2e/cli/test_init.py answers",
     "pdcd doctor display": "needs a server with two outputs",
