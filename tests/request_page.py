@@ -25,7 +25,7 @@ A request names a goal and may set the fields below. They are the options of `pd
 `compare` and `transport`, the keywords of `capture` and `plan` of a bench ([python.md](python.md)),
 the members of `capture.start` and `capture.plan` ([protocol.md](protocol.md)), and the form of the
 page ([web.md](web.md)). What is left out comes from the configuration, or the program finds it
-([no-knob.md](no-knob.md)).
+([no-knob.md](planning.md#what-a-plain-request-decides)).
 
 `python -m tests.request_page` writes this page; its texts stand in `pdcd/protocol/request.py`.
 """

@@ -1,4 +1,4 @@
-"""docs/field.md holds what it says: its picture is that of the maps, its examples are read."""
+"""docs/calibration.md#the-field-and-maps-to-it holds what it says: its picture is that of the maps, its examples are read."""
 
 from __future__ import annotations
 
