@@ -1,4 +1,4 @@
-"""The picture of docs/calibration.md#the-field-and-maps-to-it: ``python -m tests.bench.field_picture docs/field.svg``.
+"""The picture of docs/calibration.md: ``python -m tests.bench.field_picture docs/field.svg``.
 
 All that it shows goes through the maps themselves, so it cannot say anything else than they do.
 """

@@ -1,4 +1,4 @@
-"""The picture of docs/goals.md#off-axis-benches: ``python -m tests.bench.keyed_picture docs/plots/keyed.png``.
+"""The picture of docs/goals.md: ``python -m tests.bench.keyed_picture docs/plots/keyed.png``.
 
 A red box at six depths, each photographed twice with the same codes: white, and with the direct
 light of one plane blocked (Fig. 11 of the paper). Below, the brightness of the box's front over its

@@ -7,6 +7,9 @@ from pathlib import Path
 
 from tests.bench.tables import Aim, Section, Table
 
+BY_SUBJECT = "## By subject"
+"""Heading of what other scripts have measured, which stays as it is here; the next one follows."""
+
 SOAK = "## Soak"
 """Heading of the last section, which is written by `make soak` and stays as it is here."""
 
@@ -38,8 +41,9 @@ def write(
         parts += [table.markdown() for table in section.tables]
         parts += [f"![{caption}]({plots}/{name})" for name, caption in section.plots]
     path.parent.mkdir(parents=True, exist_ok=True)
-    soak = path.read_text(encoding="utf-8").partition(SOAK)[2] if path.exists() else ""
-    parts += [SOAK + soak.rstrip()] if soak else []
+    before = path.read_text(encoding="utf-8") if path.exists() else ""
+    first = next((title for title in (BY_SUBJECT, SOAK) if title in before), "")
+    parts += [first + before.partition(first)[2].rstrip()] if first else []
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 

@@ -1,5 +1,5 @@
-"""Templates and examples of docs/new-driver.md, as they are printed there: each template under the
-contract of its roles."""
+"""Templates and examples of docs/new-driver.md, as they stand: each template under the contract of
+its roles."""
 
 from __future__ import annotations
 
@@ -45,19 +45,17 @@ def run_block(word: str) -> dict[str, Any]:
 
 
 @pytest.fixture
-def driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Both templates, known as `serial-box` and `acme`; a library of Acme's with one camera."""
-    made = {"template_serial_box": "class SerialBox", "template_acme": "class AcmeCamera"}
-    for module, word in made.items():
-        (tmp_path / f"{module}.py").write_text(block(word), encoding="utf-8")
-    monkeypatch.syspath_prepend(str(tmp_path))
+    made = ("serial_box", "acme_camera")
+    monkeypatch.syspath_prepend(str(ROOT / "examples" / "drivers"))
     acme = ModuleType("acme")
     acme.Device, acme.open_camera = AcmeDevice, AcmeDevice  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "acme", acme)
     known = {
-        ("shutter", "serial-box"): "template_serial_box:SerialBox",
-        ("shutter", "acme"): "template_acme:AcmeShutter",
-        ("readout", "acme"): "template_acme:AcmeReadout",
+        ("shutter", "serial-box"): "serial_box:SerialBox",
+        ("shutter", "acme"): "acme_camera:AcmeShutter",
+        ("readout", "acme"): "acme_camera:AcmeReadout",
     }
     monkeypatch.setattr(registry, "DRIVERS", {**registry.DRIVERS, **known})
     yield
