@@ -57,5 +57,5 @@ def read_ptp_options(config: Config) -> PtpOptions:
         PtpOptions,
         table=table,
         device="camera",
-        hint="docs/cameras.md#canon-eos-over-usb lists the options of the driver ptp",
+        hint="docs/cameras.md lists the options of the driver ptp",
     )

@@ -2,7 +2,7 @@
 
 The *field* is the rectangle that code cells divide. It has no pixels: x runs from 0 at its left
 edge to 1 at its right one, y from 0 at the top to 1 at the bottom, as the projector sees the scene.
-Projector, mask and camera each have a map to it (docs/calibration.md#the-field-and-maps-to-it).
+Projector, mask and camera each have a map to it (docs/calibration.md).
 
 Pixel k of a device covers k to k + 1, so that its centre is at k + 0.5. A pixel of the camera is a
 Bayer quad. A point of the device goes to the field in two steps:

@@ -104,7 +104,7 @@ class PilotCost(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LeakErrors(msgspec.Struct, frozen=True, kw_only=True):
-    """What a dark photo showed, as RMS errors of the answer relative to its RMS (docs/planning.md#black-exposures).
+    """What a dark photo showed, as RMS errors of the answer relative to its RMS (docs/planning.md).
 
     `ambient`: light that is not the projector's, and what a black projector lets out; `mask`: what
     a closed mask lets through; `both` together. A part that was not told from the other is None.

@@ -1,10 +1,10 @@
 """Entry point: ``python -m tests.docs [--only oldest|newest] [--page README.md] [--whole]``.
 
 In a bare Debian with the oldest Python that serves, and in one with the newest that can be had:
-every block of README and tour in order, as their reader would type it, the tutorial, and how to install.
-What they print is held against what the pages show. The tree is that of the last commit. `make
-test`, which the README begins with, is run whole by the newest Python; by the oldest, by which the
-tests are run outside, a part of it, unless it is to be the `whole`.
+every block of README and tour in order, as their reader would type it, the tutorial, and how to
+install. What they print is held against what the pages show. The tree is that of the last commit.
+`make test`, which the README begins with, is run whole by the newest Python; by the oldest, by
+which the tests are run outside, a part of it, unless it is to be the `whole`.
 """
 
 from __future__ import annotations

@@ -23,9 +23,9 @@ from tests.soak.wanted import requests
 
 ABOUT = (
     "Written by `make soak`: a real daemon on four benches in turn, honest clients that want "
-    "every goal, hostile ones, kills and faults ([testing.md](../CONTRIBUTING.md)). In half of the turns "
-    "other processes want all cores. Times are seen from outside, after the end of the job or "
-    "process; 0.00 s is less than one look."
+    "every goal, hostile ones, kills and faults ([tests](../CONTRIBUTING.md#tests)). In half of "
+    "the turns other processes want all cores. Times are seen from outside, after the end of the "
+    "job or process; 0.00 s is less than one look."
 )
 TURN_S = 120.0
 """How long one bench has its turn."""

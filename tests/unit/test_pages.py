@@ -27,7 +27,7 @@ TOLD_ELSEWHERE = ("benchmarks.md", "figures.md", "README.md", "tour.md")
 whose figures `tests.docs` compares with what is printed."""
 ALLOWED = {
     "0.1 s": "how often a run looks for a cancel, and a promise on black panels",
-    "0.2 %": "the verdict's limit of saturation",
+    "0.3 %": "limits: of a remark of the verdict, and of the judge of strangers' benches",
     "0.5 %": "what leaks at most into the next code: a limit of the planner",
 }
 """Figures in several pages that are limits or definitions, and whose."""

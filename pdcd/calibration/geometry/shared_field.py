@@ -2,7 +2,7 @@
 
 No mask covers a projector's picture exactly. What it leaves out gives cells without pixels, and
 what the camera does not see gives cells without light; so codes fill what all three have in common,
-in whole pixels of the projector (docs/calibration.md#the-field-and-maps-to-it).
+in whole pixels of the projector (docs/calibration.md).
 """
 
 from __future__ import annotations

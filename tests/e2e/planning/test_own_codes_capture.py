@@ -50,7 +50,7 @@ def test_the_docs_make_codes_that_are_taken(
     (tmp_path / "pdcd").mkdir()
     (tmp_path / "pdcd" / "pdcd.toml").write_text("[scene]\ngrid = [6, 8]\n")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    text = (ROOT / "docs" / "own-codes.md").read_text()
+    text = (ROOT / "docs" / "python.md").read_text().partition("## Codes of your own")[2]
     first, second = (part.split("```")[0] for part in text.split("```python\n")[1:])
     exec(first.replace("48, 64", "6, 8"), {})
     with pdcd.local() as bench:

@@ -1,4 +1,4 @@
-"""docs/calibration.md#the-field-and-maps-to-it holds what it says: its picture is that of the maps, its examples are read."""
+"""docs/calibration.md holds what it says of maps: its picture is theirs, its examples are read."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from pdcd.panels.map_file import save_maps
 from tests.bench.field_picture import picture
 
 DOCS = Path(__file__).parents[3] / "docs"
-PAGE = (DOCS / "field.md").read_text(encoding="utf-8")
-EXAMPLES = re.findall(r"(?:^    (?!from |save).*\n)+", PAGE, re.MULTILINE)
+PAGE = (DOCS / "calibration.md").read_text(encoding="utf-8")
+FIELD = PAGE.partition("## The field, and maps to it")[2]
+EXAMPLES = re.findall(r"(?:^    (?!from |save).*\n)+", FIELD, re.MULTILINE)
 
 
 def test_the_picture_is_that_of_the_maps() -> None:
