@@ -13,7 +13,7 @@ import pytest
 
 from pdcd.errors import DeviceLost
 from pdcd.recipes.goals import KEEPS, OFF_AXIS_GOALS
-from tests.bench.report import write_soak
+from tests.bench.report import write, write_soak
 from tests.soak import processes
 from tests.soak.daemon import FAULT, Faulty
 from tests.soak.lapse import Lapse, stolen_s
@@ -77,6 +77,15 @@ def test_the_table_tells_counts_and_names_what_broke(tmp_path: Path) -> None:
     report.write_text("# Report\n\nfigures\n\n## Soak\n\nof last time\n")
     write_soak(report, table)
     assert report.read_text() == f"# Report\n\nfigures\n\n## Soak\n\n{table}"
+
+
+def test_a_new_report_keeps_what_others_have_measured(tmp_path: Path) -> None:
+    report = tmp_path / "report.md"
+    kept = "## By subject\n\n### Planning\n\n## Soak\n\nof last time\n"
+    report.write_text(f"# Report\n\nold figures\n\n{kept}")
+    write(report, [], [], "plots")
+    told = report.read_text()
+    assert told.endswith(f"\n\n{kept}") and "old figures" not in told
 
 
 def test_honest_clients_want_every_goal_of_their_bench() -> None:
