@@ -145,7 +145,7 @@ def list_level_findings(
     found = [
         *_ramps(output, role, levels, exact=exact),
         *_transform(output, role, levels),
-        *_properties(output, role, levels),
+        *_properties(output, role, levels, exact=exact),
         *_matrices(output, role, levels),
     ]
     if found:
@@ -197,7 +197,7 @@ def _transform(output: str, role: str, levels: OutputLevels) -> Iterator[Finding
         yield Finding(f"{role} transform", "fault", text, f"{_xrandr(output)} --transform none")
 
 
-def _properties(output: str, role: str, levels: OutputLevels) -> Iterator[Finding]:
+def _properties(output: str, role: str, levels: OutputLevels, *, exact: bool) -> Iterator[Finding]:
     told = dict(levels.properties)
     for row in _TABLE:
         values = told.get(row.name, ())
@@ -209,7 +209,7 @@ def _properties(output: str, role: str, levels: OutputLevels) -> Iterator[Findin
         says = f"the driver chooses; {row.says}" if chosen else row.says
         yield Finding(
             f"{role} {row.name}",
-            "warning" if chosen else row.state,
+            "warning" if chosen else "fault" if exact else row.state,
             f"{output}: {_words(values)}: {says}",
             _set(output, row.name, row.mend),
         )

@@ -138,6 +138,18 @@ def test_each_property_is_neutral_or_has_its_command(
         assert all(found_state in ("good", "unknown") for _, found_state, _ in told)
 
 
+def test_of_levels_that_are_24_bits_none_may_be_another() -> None:
+    """What somebody set is a fault then; what is left to the card's driver may still be right."""
+    for name, value, state in (
+        ("Broadcast RGB", "Limited 16:235", "fault"),
+        ("Broadcast RGB", "Automatic", "warning"),
+        ("Broadcast RGB", "Full", "good"),
+        ("dither", "on", "fault"),
+        ("max bpc", 6, "fault"),
+    ):
+        assert [one[1] for one in found(with_property(name, value), exact=True)] == [state]
+
+
 def test_a_matrix_is_told_row_by_row() -> None:
     # Red is half of red, less a quarter of green.
     minus = [1 << 30, 1 << 31]
