@@ -9,9 +9,9 @@ parameters; power, idle mirrors, resets; video, flash, video-pattern and on-the-
 one controller or two; the LUT, its configuration and reordering; triggers both ways. Its mirrors
 have a power supply of their own: a sequence goes on when the plug is out.
 
-Not modelled: patterns of several bits, LEDs, blocks, flips and inversion, what video looks like
-(video-pattern mode is dark), flash beyond one pattern, batch files, I2C, firmware updates, the
-settling of mirrors (panels have rise and fall times for that).
+Not modelled: patterns of several bits, LEDs, blocks, flips and inversion, levels of video, which
+input has the signal, flash beyond one pattern, batch files, I2C, firmware updates, the settling of
+mirrors (panels have rise and fall times for that).
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 from pdcd.driver import Clock
 
+from .decode import DecodedWords
 from .memory import PatternMemory
 from .model import (
     DmdRegister,
@@ -36,6 +37,7 @@ from .model import (
 from .registers import REGISTER_LENGTHS, TRIGGER_REGISTERS, DmdRegisters
 from .reports import ReportAssembler, TakenCommand
 from .sequencer import DmdSequencer, PlayedContent, PlayedEntry, PlayedProgram
+from .video import VideoInput
 
 _VIDEO, _FLASH, _VIDEO_PATTERN, _ON_THE_FLY = range(4)
 _NORMAL, _STANDBY, _RESET = range(3)
@@ -91,6 +93,7 @@ class VirtualDlpc900:
         self._acked = False
         self._abort_after: int | None = None
         self._code = 0
+        self._video = VideoInput(model, self.options, self.memory, self.sequencer)
         self._registers = DmdRegisters(model.least_exposure_us)
         self._boot(clock.now_ns())
 
@@ -267,7 +270,7 @@ class VirtualDlpc900:
             self._locks_ns = None
             return
         if mode == _VIDEO_PATTERN:
-            if self._mode != _VIDEO or not self.options.source_locked:
+            if self._mode != _VIDEO or not self._video.locked:
                 raise RefusedError(
                     RefusalCode.WRONG_MODE, "from video mode with a locked source only"
                 )
@@ -300,21 +303,28 @@ class VirtualDlpc900:
             return self.sequencer.pause(now_ns)
         if not self.memory.entries:
             raise RefusedError(RefusalCode.DEFINITION, "no entries are configured")
+        if self._mode == _VIDEO_PATTERN and not self._video.locked:
+            raise RefusedError(RefusalCode.WRONG_MODE, "there is no signal")
         self.sequencer.start(now_ns, self._make_program(), self._abort_after)
 
     def _make_program(self) -> PlayedProgram:
-        return self.memory.make_program(dark=self._mode == _VIDEO_PATTERN)
+        if self._mode == _VIDEO_PATTERN:
+            return self.memory.make_video_program(None)
+        return self.memory.make_program()
 
     # The LUT
 
     def _define(self, data: bytes) -> None:
         self._require(_FLASH, _VIDEO_PATTERN, _ON_THE_FLY, stopped=True, powered=True)
-        self.memory.define(data, in_flash=self._mode == _FLASH)
+        in_flash, of_video = self._mode == _FLASH, self._mode == _VIDEO_PATTERN
+        self.memory.define(data, in_flash=in_flash, of_video=of_video)
 
     def _configure(self, data: bytes) -> None:
         self._require(_FLASH, _VIDEO_PATTERN, _ON_THE_FLY, stopped=True, powered=True)
         count, most = struct.unpack("<HI", data)
         self.memory.configure(count & 0x7FF, most)
+        if self._mode == _VIDEO_PATTERN:
+            self._video.check_lut()
 
     def _reorder(self, data: bytes) -> None:
         self._require(_FLASH, _ON_THE_FLY, stopped=True, powered=True)
@@ -337,7 +347,23 @@ class VirtualDlpc900:
         self._require(_ON_THE_FLY, stopped=True, powered=True)
         self.memory.add_data(half, data, acked=self._acked)
 
-    # Lines
+    # Lines and the video input
+
+    def connect_video(self, refresh_hz: float) -> None:
+        """A signal of so many pictures a second comes from now on; each by `drive_video`."""
+        with self._lock:
+            self._video.connect(refresh_hz)
+
+    def disconnect_video(self, at_ns: int) -> None:
+        """It is gone."""
+        with self._lock:
+            self._video.disconnect(at_ns, of_patterns=self._mode == _VIDEO_PATTERN)
+
+    def drive_video(self, words: DecodedWords, at_ns: int) -> None:
+        """A picture of the signal begins (`VideoInput.show`)."""
+        with self._lock:
+            if self._mode in (_VIDEO, _VIDEO_PATTERN) and self._power == _NORMAL and not self._idle:
+                self._video.show(words, at_ns, of_patterns=self._mode == _VIDEO_PATTERN)
 
     def drive_line(self, number: Literal[1, 2], level: bool, at_ns: int) -> None:
         """Set the level of TRIG_IN_1 or TRIG_IN_2 at that time."""
@@ -385,7 +411,7 @@ class VirtualDlpc900:
         return bytes([0x01 | self.model.dual << 4 | aborted << 6 | aborted << 7])
 
     def _read_main_status(self) -> bytes:
-        parked, locked = self._power != _NORMAL, self.options.source_locked
+        parked, locked = self._power != _NORMAL, self._video.locked
         return bytes([parked | self.sequencer.active << 1 | locked << 3 | locked << 4])
 
     def _read_least_exposures(self) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,11 +26,17 @@ _WORD = 0xFFFFFF
 
 
 def parse_entry(
-    data: bytes, model: VirtualDmdModel, options: VirtualDmdOptions, *, in_flash: bool
+    data: bytes,
+    model: VirtualDmdModel,
+    options: VirtualDmdOptions,
+    *,
+    in_flash: bool,
+    of_video: bool = False,
 ) -> tuple[int, PlayedEntry]:
     """The number of an entry and the entry, of the twelve bytes that define it.
 
-    in_flash : images are those of the flash, which has one plane. Raises RefusedError.
+    in_flash : images are those of the flash, which has one plane. of_video : planes are those of
+    the picture on the signal, and the number of an image says nothing. Raises RefusedError.
     """
     number, low, high, kind = struct.unpack_from("<HHBB", data)
     exposure_us = low | high << 16
@@ -49,7 +55,9 @@ def parse_entry(
         raise RefusedError(RefusalCode.BIT, f"plane {bit} of {PLANES_OF_STORED_IMAGE}")
     if in_flash and (image or bit):
         raise RefusedError(RefusalCode.NOT_IN_FLASH, f"image {image} in flash")
-    if image >= MOST_STORED_IMAGES or image * PLANES_OF_STORED_IMAGE + bit >= model.planes:
+    if of_video:
+        image = 0
+    elif image >= MOST_STORED_IMAGES or image * PLANES_OF_STORED_IMAGE + bit >= model.planes:
         raise RefusedError(RefusalCode.MEMORY, f"plane {bit} of image {image}")
     pulses = extra & 1 == options.trigger_2_bit
     waits, clear = bool(kind & 0x80), bool(kind & 1)
@@ -95,10 +103,12 @@ class PatternMemory:
         """Entries as they are shown, and patterns that are."""
         return len(self._order), self._most
 
-    def define(self, data: bytes, *, in_flash: bool) -> None:
+    def define(self, data: bytes, *, in_flash: bool, of_video: bool = False) -> None:
         """Take the definition of one entry; nothing is shown of it before `configure`. Raises
         RefusedError."""
-        number, entry = parse_entry(data, self._model, self._options, in_flash=in_flash)
+        number, entry = parse_entry(
+            data, self._model, self._options, in_flash=in_flash, of_video=of_video
+        )
         self._definitions[number] = entry
 
     def configure(self, count: int, most: int) -> None:
@@ -127,13 +137,24 @@ class PatternMemory:
             raise RefusedError(RefusalCode.NUMBER, f"entry {max(order)}")
         self._order, self._most = order, most
 
-    def make_program(self, *, dark: bool) -> PlayedProgram:
+    def make_program(self) -> PlayedProgram:
         """What is shown when it is started; the flash's pattern where nothing was loaded for an
         entry. From then on images may be loaded from the last one on again."""
         self._lowest = [MOST_STORED_IMAGES, MOST_STORED_IMAGES]
         numbers = range(len(self.entries))
-        planes = [None if dark else self._slots.get(number, self.startup) for number in numbers]
+        planes = [self._slots.get(number, self.startup) for number in numbers]
         return PlayedProgram(self.entries, self._order, planes, self._most)
+
+    def make_video_program(self, words: DecodedWords | None) -> PlayedProgram:
+        """What is shown of one picture on the signal, 0xRRGGBB a pixel; None: black. The first
+        entry waits for the next picture, and so the last one ends on a black pattern."""
+        first = replace(self.entries[0], waits=True)
+        entries = (first, *(replace(entry, waits=False) for entry in self.entries[1:]))
+        planes: list[PlayedPlane | None] = [None] * len(entries)
+        if words is not None:
+            shifts = [8 * "BGR".index(colour) for colour in self._options.video_planes]
+            planes = [PlayedPlane(words, shifts[e.bit // 8] + e.bit % 8) for e in entries]
+        return PlayedProgram(entries, range(len(entries)), planes, self._most)
 
     def begin_image(self, half: int, index: int, length: int) -> None:
         """An image of so many bytes comes for one controller, 0 or 1. Raises RefusedError."""

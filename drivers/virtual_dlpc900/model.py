@@ -139,7 +139,10 @@ class VirtualDmdOptions:
     copies : a unit that can copy pixels from the line above.
     replies_kept : how many replies wait to be fetched; older ones are gone.
     least_dark_us : shortest dark time beside none.
-    source_locked : whether there is a video signal.
+    source_locked : whether there is a video signal that nobody feeds.
+    video_planes : colours that hold planes 0-7, 8-15 and 16-23 of a video picture.
+    video_waits : what bit 7 of byte 5 of the first entry has to be in video-pattern mode, of which
+        no table says whether the picture counts as a trigger.
     startup : whether it shows the pattern of its flash when it is switched on, as new ones do.
     report_s : time that one report takes.
     """
@@ -155,6 +158,8 @@ class VirtualDmdOptions:
     replies_kept: int = 1
     least_dark_us: int = 0
     source_locked: bool = False
+    video_planes: Literal["GRB", "GBR", "RGB", "RBG", "BRG", "BGR"] = "GRB"
+    video_waits: Literal[0, 1] = 1
     startup: bool = True
     report_s: float = 0.001
     timing: VirtualDmdTiming = field(default_factory=VirtualDmdTiming)

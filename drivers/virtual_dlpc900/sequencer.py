@@ -232,6 +232,28 @@ class DmdSequencer:
         late_ns = timing.latency_ns + round(timing.jitter_ns * self._rng.standard_normal())
         self._run(at_ns + max(0, round(delay_us * self._ns_per_us) + late_ns))
 
+    def hold(self, at_ns: int, content: PlayedContent) -> None:
+        """Show something until something else is said: a picture of plain video."""
+        self.settle(at_ns)
+        self._state = "stopped"
+        self._put(_Stand(at_ns, content))
+
+    def show_picture(self, at_ns: int, program: PlayedProgram) -> None:
+        """A picture begins on the signal: a sequence that waits shows its planes. One that has not
+        come to its end when the next begins gives up."""
+        self.settle(at_ns)
+        if self._state == "waits":
+            self._program = program
+            self._run(at_ns + self._options.timing.latency_ns)
+        elif self._state == "runs":
+            self.lose_picture(at_ns)
+
+    def lose_picture(self, at_ns: int) -> None:
+        """There is no signal any more, or one that goes on too early: it gives up."""
+        was_active = self.active
+        self.stop(at_ns)
+        self.aborted |= was_active
+
     def settle(self, now_ns: int) -> None:
         """Let time go on until then."""
         while self._state == "runs":
