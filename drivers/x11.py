@@ -142,7 +142,7 @@ class X11Display:
                 abort=rig.on_miss == "abort" and has_several_codes(frames),
                 stalls_from=shown if stalled else None,
             )
-            found = build_frame_log(primal, dual, log, presenter.ready, config.display.starts)
+            found = self._build_log(primal, dual, log, presenter.ready)
             found = replace(found, mask_delay=config.mask_delay_rows)
             if recorder is not None:
                 if shown:
@@ -164,6 +164,10 @@ class X11Display:
         if self._presenter is not None:
             presenter, self._presenter, self._frames = self._presenter, None, None
             presenter.close()
+
+    def _build_log(self, primal: RowNumbers, dual: RowNumbers, log: Log, ready: Ready) -> FrameLog:
+        """The log of one pass."""
+        return build_frame_log(primal, dual, log, ready, self._config.display.starts)
 
     def _recorder(self) -> Recorder | None:
         """What keeps the pictures of an exposure, with option `grab_px`."""

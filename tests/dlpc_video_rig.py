@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,13 +41,9 @@ def make_video_dmds(
     # What stands after a stop is what was there, which is the worse of two unknown things.
     given = options or VirtualDmdOptions(after_stop="holds", report_s=0.0)
     found = tuple(
-        VirtualDlpc900(
-            # mirrors of such a size are nobody's, so that it must not tell whose it has
-            clock, replace(choose_dmd_model(size), hardware=0), serial, given,
-            faults if side else (),
-        )
+        VirtualDlpc900(clock, choose_dmd_model(size), serial, given, faults if side else ())
         for side, (size, serial) in enumerate(zip(sizes_px, SERIALS, strict=True))
-    )  # fmt: skip
+    )
     for device in found:
         if refresh_hz is not None:
             device.connect_video(refresh_hz)

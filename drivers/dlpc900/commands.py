@@ -52,8 +52,8 @@ class Command(enum.IntEnum):
     LEAST_EXPOSURE = 0x1A42
 
 
-ON_THE_FLY = 3
-"""Mode in which pictures come over USB."""
+VIDEO, VIDEO_PATTERN, ON_THE_FLY = 0, 2, 3
+"""Modes: a video signal as pictures, bit by bit; pictures that come over USB."""
 STOP, START = 0, 2
 NORMAL, STANDBY = 0, 1
 
@@ -75,6 +75,7 @@ class Main(enum.IntFlag):
 
     PARKED = 1
     RUNNING = 2
+    LOCKED = 8
 
 
 DMD_KINDS: dict[int, tuple[str, tuple[int, int], int, int]] = {

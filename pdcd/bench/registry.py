@@ -32,6 +32,7 @@ PACKAGE = "pdcd._drivers" if (Path(__file__).parents[1] / "_drivers").is_dir() e
 """Where pdcd's own drivers are: in a checkout beside it, in an installed wheel within it."""
 
 DRIVERS: Mapping[tuple[str, str], str] = {
+    ("display", "dlpc-video"): f"{PACKAGE}.dlpc_video:DlpcVideoDisplay",
     ("display", "dlpc900"): f"{PACKAGE}.dlpc900.display:Dlpc900Display",
     ("display", "mock"): f"{PACKAGE}.mock:MockDisplay",
     ("display", "x11"): f"{PACKAGE}.x11:X11Display",

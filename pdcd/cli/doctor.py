@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import signal
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pdcd.bench.config import load_config
 from pdcd.bench.devices import Finding
@@ -15,6 +16,9 @@ from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say_json, say_table, say_text
 from pdcd.errors import ConfigError
 
+if TYPE_CHECKING:
+    from pdcd.bench.devices import DriverContext
+
 _DOCTORS = {
     "mock": "ptp.doctor:examine_ptp",
     "ptp": "ptp.doctor:examine_ptp",
@@ -23,6 +27,12 @@ _DOCTORS = {
 }
 """Who knows more of a camera than any readout tells, by its driver: by name, as drivers are loaded.
 Before there is a configuration a Canon is looked for."""
+
+_DISPLAY_DOCTORS = {
+    "dlpc-video": "dlpc_video:examine_dlpc_video",
+    "dlpc900": "dlpc900.doctor:examine_dlpc900",
+}
+"""The same of displays that are more than outputs of an X server."""
 
 
 def diagnose_display(args: argparse.Namespace) -> int:
@@ -36,11 +46,16 @@ def _examine_panels(config: Config, display_name: str | None) -> Iterator[Findin
     from pdcd.bench.devices import DriverContext
     from pdcd.presenter.examine import examine_display
 
-    if config.display.driver != "dlpc900":
+    known = _DISPLAY_DOCTORS.get(config.display.driver)
+    if known is None:
         return examine_display(config, display_name)
-    examine = import_driver_module("dlpc900.doctor").examine_dlpc900
-    found: Iterator[Finding] = examine(DriverContext(config=config, clock=RealClock()))
-    return found
+    return _ask_doctor(known, DriverContext(config=config, clock=RealClock()))
+
+
+def _ask_doctor(known: str, context: DriverContext) -> Generator[Finding, None, Any]:
+    module, _, function = known.partition(":")
+    asked: Generator[Finding, None, Any] = getattr(import_driver_module(module), function)(context)
+    return asked
 
 
 def diagnose_camera(args: argparse.Namespace) -> int:
@@ -61,8 +76,7 @@ def _examine_camera(config: Config, raw: Path | None) -> Iterator[Finding]:
     if known is None:
         told = yield from examine_readout(context)
     else:
-        module, _, function = known.partition(":")
-        told = yield from getattr(import_driver_module(module), function)(context)
+        told = yield from _ask_doctor(known, context)
     yield from examine_frame(config, raw, told)
 
 
@@ -70,7 +84,7 @@ def examine_bench(config: Config) -> Iterator[Finding]:
     """Yield what all doctors find of the devices that a configuration names; nothing is exposed."""
     from pdcd.bench.click import examine_shutter
 
-    if config.display.driver in ("x11", "dlpc900"):
+    if config.display.driver in ("x11", *_DISPLAY_DOCTORS):
         yield from _examine_panels(config, None)
     if config.camera.driver in ("ptp", "genicam"):
         yield from _examine_camera(config, None)

@@ -69,15 +69,26 @@ def test_a_doctor_ends_with_what_there_is_to_mend(
     assert asked == [(Config(), ":7"), (Config(), None)]
 
 
-def test_the_doctor_of_dmds_needs_no_x_server(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("driver", "doctor"),
+    [
+        ("dlpc900", "drivers.dlpc900.doctor.examine_dlpc900"),
+        ("dlpc-video", "drivers.dlpc_video.examine_dlpc_video"),
+    ],
+)
+def test_dmds_have_doctors_of_their_own(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    driver: str,
+    doctor: str,
 ) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr("drivers.dlpc900.doctor.examine_dlpc900", noting(asked, [GOOD]))
-    (tmp_path / "dmd.toml").write_text('[display]\ndriver = "dlpc900"\n')
+    monkeypatch.setattr(doctor, noting(asked, [GOOD]))
+    (tmp_path / "dmd.toml").write_text(f'[display]\ndriver = "{driver}"\n')
     assert main(["doctor", "display", "--config", str(tmp_path / "dmd.toml")]) == 0
     assert capsys.readouterr().out.endswith("nothing to mend\n")
-    assert [one.config.display.driver for one in asked] == ["dlpc900"]
+    assert [one.config.display.driver for one in asked] == [driver]
 
 
 @pytest.mark.parametrize(("seconds", "fits"), [("0", True), ("5", True), ("5.1", False),

@@ -1,0 +1,335 @@
+"""Two DMDs as the outputs of an X server, which show 24 bits a picture: the display `dlpc-video`.
+
+What is shown is the matter of `x11`; this sets both devices up over USB, looks whether they follow
+their signal, and knows when each plane is lit. Written from TI's guide, tried on virtual devices,
+never on a DMD.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from pdcd.driver import (
+    Config,
+    ConfigError,
+    Display,
+    DisplayInfo,
+    DriverContext,
+    Finding,
+    FrameLog,
+    Frames,
+    PdcdError,
+    SyncError,
+    fault,
+    read_options,
+)
+from pdcd.presenter.client import DisplayProcess, Log, RowNumbers, make_open_request
+from pdcd.presenter.examine import examine_display
+from pdcd.presenter.messages import Open, Ready
+
+from .dlpc900.device import PLANES, DmdPanel
+from .dlpc900.doctor import make_bars
+from .dlpc900.link import DeviceLink, choose_device, list_devices
+from .dlpc900.options import Dlpc900Options
+from .dlpc900.video import PlaneTimes, VideoDmd, divide_picture
+from .x11 import X11Display, build_frame_log
+
+_ROLES = ("projector", "mask")
+_TOLD = ("DMD", "firmware")
+_SHOWN_S = 10.0
+_Name = Annotated[str, Meta(min_length=1)]
+
+
+class DlpcVideoOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[display.options.dlpc]: which two devices, and what the guide leaves open."""
+
+    projector: _Name
+    mask: _Name
+    """Serial number of each, or the port it is plugged into; `pdcd doctor display` lists both."""
+    usb: _Name = "libusb"
+    """The machine's own, or the name of a driver of the role `usb`."""
+    dark_us: Annotated[int, Meta(ge=0, le=20_000)] = 0
+    """For how long mirrors are dark after each plane."""
+    vsync_bit: Literal[0, 1] = 1
+    """Whether the first entry is told to wait for a trigger, which is the picture here."""
+    led: Annotated[int, Meta(ge=0, le=7)] = 1
+    trigger_bit: Literal[0, 1] = 1
+    rest: Literal["black", "standby", "idle"] = "black"
+    """As those of the driver `dlpc900`."""
+
+
+def read_video_options(config: Config) -> tuple[Config, DlpcVideoOptions]:
+    """The configuration of the display `x11` below, and the options of both devices. Raises
+    ConfigError."""
+    given: dict[str, Any] = dict(config.display.options)
+    options = read_options(
+        given.pop("dlpc", {}),
+        DlpcVideoOptions,
+        table="display.options.dlpc",
+        device="display",
+        hint="docs/dlpc900.md lists the options of the driver dlpc-video",
+    )
+    display = config.display
+    wrong = hint = None
+    if options.projector == options.mask:
+        wrong, hint = f"projector and mask are both {options.mask!r}", "name two devices"
+    elif display.planes_per_refresh != PLANES:
+        wrong, hint = f"pictures carry {PLANES} planes", f"set planes_per_refresh = {PLANES}"
+    elif display.plane_starts:
+        wrong, hint = "plane_starts are those of the devices' own table", "leave plane_starts out"
+    elif given.get("grab_px") is not None:
+        wrong, hint = "pictures of several planes are not taken apart", "leave grab_px out"
+    if wrong is not None:
+        raise ConfigError(wrong, device="display", hint=hint)
+    below = msgspec.structs.replace(display, driver="x11", options=given)
+    return msgspec.structs.replace(config, display=below), options
+
+
+class DlpcVideoDisplay(X11Display):
+    """Projector and mask, each a DMD on a video signal; the registry's name is `dlpc-video`."""
+
+    def __init__(
+        self, config: Config, request: Open, context: DriverContext, options: DlpcVideoOptions
+    ) -> None:
+        super().__init__(config, request, context.shared, context.alive, context.patience.look)
+        self._context, self._options = context, options
+        self._dmds: list[VideoDmd] = []
+        self._times: PlaneTimes | None = None
+        self._lock = threading.RLock()
+
+    @classmethod
+    def create(cls, context: DriverContext) -> DlpcVideoDisplay:
+        """Check the options; panels and devices are opened by `connect`."""
+        config, options = read_video_options(context.config)
+        return cls(config, make_open_request(config), context, options)
+
+    def connect(self) -> DisplayInfo:
+        """Start the display process, and let both devices follow their signal; black on return."""
+        info = super().connect()
+        warnings, lag_s = list(info.warnings), info.mask_lag_s
+        assert self._times is not None  # noqa: S101
+        dark_us = self._times.dark_us
+        if lag_s is None or abs(lag_s) * 1e6 > dark_us:
+            by = "an unknown time" if lag_s is None else f"{1e6 * lag_s:.0f} us"
+            warnings.append(
+                f"the mask's pictures come {by} after the projector's, and planes are dark for "
+                f"{dark_us} us, so that light of one code may pass the mask of another; feed both "
+                "from outputs whose vblanks are locked, and set dlpc.dark_us"
+            )
+        identity = dict(info.identity)
+        for dmd in self._dmds:
+            name = dmd.link.found.serial or dmd.link.found.port
+            identity[f"DMD of the {dmd.role}"] = f"{dmd.panel.kind} {name}"
+            identity[f"firmware of the {dmd.role}"] = dmd.panel.firmware or "unknown"
+        identity["planes"] = f"{PLANES} of {self._times.exposure_us} us, {dark_us} us dark"
+        return replace(info, identity=identity, warnings=tuple(warnings))
+
+    def black(self) -> None:
+        """Both panels black: by black pictures where the devices follow them, else by a plane of
+        their own."""
+        with self._lock, self._context.patience.deaf():
+            try:
+                super().black()
+            except BaseException:
+                self._on_each(VideoDmd.make_black)
+                raise
+            self._on_each(self._see_that_black)
+
+    def play(
+        self, progress: Callable[[int, int, int], None], cancelled: Callable[[], bool]
+    ) -> FrameLog:
+        """Show all loaded frames, then black. Raises SyncError where a device did not follow."""
+        log = super().play(progress, cancelled)
+        with self._lock:
+            try:
+                self._on_each(VideoDmd.check)
+            except PdcdError:
+                with suppress(PdcdError), self._context.patience.deaf():
+                    self._on_each(self._see_that_black)
+                raise
+        return log
+
+    def disconnect(self) -> None:
+        """Black, then end the display process and let both devices go."""
+        with self._lock, self._context.patience.deaf():
+            dmds, self._dmds, self._times = self._dmds, [], None
+            try:
+                _do_on_each(dmds, VideoDmd.close)  # while their signal is still black
+            finally:
+                super().disconnect()
+
+    def show_wedge(self, frames: Frames) -> None:
+        """Hold a picture while plane n is lit longer than plane n - 1, by both devices; `black` and
+        `load` go on from there."""
+        self.load(frames)
+        process = self._running()
+        longest, least_us = self._divide(process.ready.refresh_hz, 0)
+        step_us = 2 * (longest.plane_us - least_us) // PLANES
+        wedge = [PlaneTimes(least_us + n * step_us, 0) for n in range(PLANES)]
+        with self._lock:
+            for dmd in self._dmds:
+                dmd.follow(wedge)
+                dmd.follows = False  # not as frames want it: the next `load` sets it up anew
+        process.show(0)
+
+    def _running(self) -> DisplayProcess:
+        """The display process, and both devices on its signal."""
+        process = super()._running()
+        with self._lock:
+            if any(dmd.link.lost for dmd in self._dmds):
+                for dmd in self._dmds:
+                    dmd.link.close()
+                self._dmds = []
+            try:
+                if not self._dmds:
+                    self._open_dmds()
+                self._follow(process.ready.refresh_hz)
+            except BaseException:
+                with suppress(PdcdError):
+                    process.black()
+                raise
+        return process
+
+    def _follow(self, refresh_hz: float) -> None:
+        times, _ = self._divide(refresh_hz, self._options.dark_us)
+        for dmd in self._dmds:
+            if dmd.follows and times == self._times:
+                try:
+                    dmd.check()
+                    continue
+                except SyncError:
+                    pass  # set up anew, before any light
+            dmd.follow([times] * PLANES)
+        self._times = times
+
+    def _divide(self, refresh_hz: float, dark_us: int) -> tuple[PlaneTimes, int]:
+        """The planes of a picture, by the quickest rate that it may have, and the shortest of all
+        exposures."""
+        least_us = max(dmd.panel.least_us for dmd in self._dmds)
+        panels = self._config.projector, self._config.mask
+        quickest_hz = max(refresh_hz, *(panel.refresh_hz for panel in panels))
+        return divide_picture(quickest_hz, dark_us, least_us), least_us
+
+    def _open_dmds(self) -> None:
+        """Find both devices, and make them black; none is kept open where one fails."""
+        options, config, patience = self._options, self._config, self._context.patience
+        found = list_devices(self._context.usb_backend(options.usb))
+        known = Dlpc900Options(
+            projector=options.projector,
+            mask=options.mask,
+            led=options.led,
+            trigger_bit=options.trigger_bit,
+            rest=options.rest,
+        )
+        opened: list[VideoDmd] = []
+        try:
+            for role, table in zip(_ROLES, (config.projector, config.mask), strict=True):
+                device = choose_device(found, getattr(options, role), role)
+                link = DeviceLink(device, role, patience.look)
+                make = partial(DmdPanel, link, known, self._context.clock, table.size_px)
+                ways = options.led, options.trigger_bit, options.vsync_bit
+                opened.append(VideoDmd(link, make, ways, patience))
+                opened[-1].make_black()
+        except BaseException:
+            with suppress(PdcdError), patience.deaf():
+                _do_on_each(opened, VideoDmd.make_black)  # the last one as well, once more
+            for dmd in opened:
+                dmd.link.close()
+            raise
+        self._dmds = opened
+
+    def _see_that_black(self, dmd: VideoDmd) -> None:
+        """Its pictures are black: see that it shows them, or make it black without."""
+        if dmd.follows:
+            try:
+                return dmd.check()
+            except SyncError:
+                pass
+        dmd.make_black()
+
+    def _on_each(self, work: Callable[[VideoDmd], None]) -> None:
+        _do_on_each(self._dmds, work)
+
+    def _build_log(self, primal: RowNumbers, dual: RowNumbers, log: Log, ready: Ready) -> FrameLog:
+        """As of any display of planes, with the times of the devices' table: mirrors are dark after
+        each plane, and from the last one until the next picture."""
+        times = self._times
+        assert times is not None  # noqa: S101
+        share = 1e-6 * times.plane_us * ready.refresh_hz
+        starts = tuple(share * plane for plane in range(PLANES))
+        found = build_frame_log(primal, dual, log, ready, starts)
+        lit_ns = 1000 * times.exposure_us
+        dark_ns = np.diff(found.primal_ns, append=found.primal_ns[-1] + lit_ns) - lit_ns
+        dark_ns[dark_ns < 1000] = 0  # what rounding leaves
+        end_ns = np.full(2, found.primal_ns[-1] + lit_ns)
+        return replace(found, dark_s=1e-9 * dark_ns, end_ns=end_ns)
+
+
+def _do_on_each(dmds: Sequence[VideoDmd], work: Callable[[VideoDmd], None]) -> None:
+    """Do something to each device, whatever becomes of the other; the first error is raised
+    then."""
+    errors = []
+    for dmd in dmds:
+        try:
+            work(dmd)
+        except PdcdError as err:
+            errors.append(err)
+    if errors:
+        raise errors[0]
+
+
+def examine_dlpc_video(context: DriverContext) -> Iterator[Finding]:
+    """Yield all that can be found out of the X server, its outputs and both devices, down to the
+    first thing that fails. Shows bars for ten seconds. Raises nothing of its own."""
+    try:
+        config, options = read_video_options(context.config)
+        yield from examine_display(config)
+        for found in list_devices(context.usb_backend(options.usb)):
+            yield Finding("DLPC900", "good", found.name)
+        display = DlpcVideoDisplay.create(context)
+        try:
+            info = display.connect()
+            for what in ("planes", *(f"{of} of the {r}" for r in _ROLES for of in _TOLD)):
+                yield Finding(what, "good", info.identity[what])
+            for warning in info.warnings:
+                yield Finding("panels", "warning", *warning.rsplit("; ", 1))
+            display.show_wedge(_make_still_bars(info.primal_size_px, info.dual_size_px))
+            context.patience.sleep(_SHOWN_S)
+            display.black()
+        finally:
+            display.disconnect()
+    except PdcdError as err:
+        yield fault("DMDs", err, "display")
+        return
+    yield Finding(
+        "order of planes",
+        "unknown",
+        f"{PLANES} bars were on projector and mask for {_SHOWN_S:.0f} s: they get brighter from "
+        "left to right where display.plane_order is right",
+        "else name the thirds by brightness, the darkest first, and write the letters of "
+        "plane_order in that order",
+    )
+
+
+def _make_still_bars(primal_px: tuple[int, int], dual_px: tuple[int, int]) -> Frames:
+    """A picture whose plane n is bar n of 24 from the left."""
+    bars = make_bars(primal_px, dual_px)
+    index = np.arange(PLANES, dtype=np.int32)
+    none = np.zeros(PLANES, dtype=np.uint8)
+    return replace(
+        bars, primal_index=index, dual_index=index, shift=none, code=index, guard=none > 0
+    )
+
+
+def _conforms(driver: DlpcVideoDisplay) -> Display:
+    """Let the type checker compare the class with its Protocol."""
+    return driver
