@@ -24,6 +24,7 @@ from tests.bench import (
     presenter,
     ranges,
     report,
+    three_benches,
     throughput,
 )
 from tests.bench import hard_cases as hard
@@ -38,6 +39,7 @@ SECTIONS: tuple[Callable[..., Section], ...] = (
     pilots.run,
     error_seconds.run,
     capture.run,
+    three_benches.run,
     growth.run,
     throughput.run,
     camera.run,
