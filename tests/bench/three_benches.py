@@ -70,8 +70,8 @@ def run(*, quick: bool, folder: Path) -> Section:
         title="Three benches",
         text=(
             f"Plain captures of the scene `{SCENE}` with full sensor noise. Light is that of a "
-            "code photo over that of a floodlit one as long; the paper has 1/48 of it and 20 codes a "
-            "second. Exposures are all of the run, without the time to read files."
+            "code photo over that of a floodlit one as long; the paper has 1/48 of it and 20 codes "
+            "a second. Exposures are all of the run, without the time to read files."
         ),
         tables=[table],
         aims=[],
