@@ -8,7 +8,7 @@ never on a DMD.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -36,35 +36,25 @@ from pdcd.presenter.client import DisplayProcess, Log, RowNumbers, make_open_req
 from pdcd.presenter.examine import examine_display
 from pdcd.presenter.messages import Open, Ready
 
-from .dlpc900.device import PLANES, DmdPanel
+from .dlpc900.device import PLANES, DmdPanel, apply_to_each
 from .dlpc900.doctor import make_bars
 from .dlpc900.link import DeviceLink, choose_device, list_devices
-from .dlpc900.options import Dlpc900Options
+from .dlpc900.options import Dlpc900Options, DmdOptions
 from .dlpc900.video import PlaneTimes, VideoDmd, divide_picture
 from .x11 import X11Display, build_frame_log
 
 _ROLES = ("projector", "mask")
 _TOLD = ("DMD", "firmware")
 _SHOWN_S = 10.0
-_Name = Annotated[str, Meta(min_length=1)]
 
 
-class DlpcVideoOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class DlpcVideoOptions(DmdOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """[display.options.dlpc]: which two devices, and what the guide leaves open."""
 
-    projector: _Name
-    mask: _Name
-    """Serial number of each, or the port it is plugged into; `pdcd doctor display` lists both."""
-    usb: _Name = "libusb"
-    """The machine's own, or the name of a driver of the role `usb`."""
     dark_us: Annotated[int, Meta(ge=0, le=20_000)] = 0
     """For how long mirrors are dark after each plane."""
     vsync_bit: Literal[0, 1] = 1
     """Whether the first entry is told to wait for a trigger, which is the picture here."""
-    led: Annotated[int, Meta(ge=0, le=7)] = 1
-    trigger_bit: Literal[0, 1] = 1
-    rest: Literal["black", "standby", "idle"] = "black"
-    """As those of the driver `dlpc900`."""
 
 
 def read_video_options(config: Config) -> tuple[Config, DlpcVideoOptions]:
@@ -163,7 +153,7 @@ class DlpcVideoDisplay(X11Display):
         with self._lock, self._context.patience.deaf():
             dmds, self._dmds, self._times = self._dmds, [], None
             try:
-                _do_on_each(dmds, VideoDmd.close)  # while their signal is still black
+                apply_to_each(dmds, VideoDmd.close)  # while their signal is still black
             finally:
                 super().disconnect()
 
@@ -223,13 +213,8 @@ class DlpcVideoDisplay(X11Display):
         """Find both devices, and make them black; none is kept open where one fails."""
         options, config, patience = self._options, self._config, self._context.patience
         found = list_devices(self._context.usb_backend(options.usb))
-        known = Dlpc900Options(
-            projector=options.projector,
-            mask=options.mask,
-            led=options.led,
-            trigger_bit=options.trigger_bit,
-            rest=options.rest,
-        )
+        shared = {name: getattr(options, name) for name in DmdOptions.__struct_fields__}
+        known = Dlpc900Options(**shared)
         opened: list[VideoDmd] = []
         try:
             for role, table in zip(_ROLES, (config.projector, config.mask), strict=True):
@@ -241,7 +226,7 @@ class DlpcVideoDisplay(X11Display):
                 opened[-1].make_black()
         except BaseException:
             with suppress(PdcdError), patience.deaf():
-                _do_on_each(opened, VideoDmd.make_black)  # the last one as well, once more
+                apply_to_each(opened, VideoDmd.make_black)  # the last one as well, once more
             for dmd in opened:
                 dmd.link.close()
             raise
@@ -257,7 +242,7 @@ class DlpcVideoDisplay(X11Display):
         dmd.make_black()
 
     def _on_each(self, work: Callable[[VideoDmd], None]) -> None:
-        _do_on_each(self._dmds, work)
+        apply_to_each(self._dmds, work)
 
     def _build_log(self, primal: RowNumbers, dual: RowNumbers, log: Log, ready: Ready) -> FrameLog:
         """As of any display of planes, with the times of the devices' table: mirrors are dark after
@@ -272,19 +257,6 @@ class DlpcVideoDisplay(X11Display):
         dark_ns[dark_ns < 1000] = 0  # what rounding leaves
         end_ns = np.full(2, found.primal_ns[-1] + lit_ns)
         return replace(found, dark_s=1e-9 * dark_ns, end_ns=end_ns)
-
-
-def _do_on_each(dmds: Sequence[VideoDmd], work: Callable[[VideoDmd], None]) -> None:
-    """Do something to each device, whatever becomes of the other; the first error is raised
-    then."""
-    errors = []
-    for dmd in dmds:
-        try:
-            work(dmd)
-        except PdcdError as err:
-            errors.append(err)
-    if errors:
-        raise errors[0]
 
 
 def examine_dlpc_video(context: DriverContext) -> Iterator[Finding]:

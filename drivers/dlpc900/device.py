@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,7 @@ _READY_S, _PAUSE_S = 3.0, 0.02
 _USUAL_LEAST_US = 105
 DrawWords = Callable[[Sequence[bytes]], NDArray[np.uint32]]
 """Planes of these keys as the bits of words, (height, width)."""
+_Device = TypeVar("_Device")
 
 
 class TableEntry(NamedTuple):
@@ -342,6 +343,19 @@ class DmdPanel:
             if self._clock.now_ns() >= until_ns:
                 raise DeviceLost(what, device=self.role, hint="switch it off and on")
             self._clock.sleep_until_ns(self._clock.now_ns() + round(_PAUSE_S * 1e9))
+
+
+def apply_to_each(devices: Sequence[_Device], work: Callable[[_Device], None]) -> None:
+    """Do some work on each device, whatever becomes of the other; the first error is raised
+    then."""
+    errors = []
+    for device in devices:
+        try:
+            work(device)
+        except PdcdError as err:
+            errors.append(err)
+    if errors:
+        raise errors[0]
 
 
 def _find_rooms(planes: int) -> list[int]:

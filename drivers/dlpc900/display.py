@@ -24,7 +24,6 @@ from pdcd.driver import (
     DriverContext,
     FrameLog,
     Frames,
-    PdcdError,
     SyncError,
     check_fit,
     draw_plane_words,
@@ -32,7 +31,7 @@ from pdcd.driver import (
 )
 
 from .commands import MOST_DELAY_US, MOST_US
-from .device import BLACK_PLANE, DmdPanel, TableEntry
+from .device import BLACK_PLANE, DmdPanel, TableEntry, apply_to_each
 from .link import DeviceLink, FoundDevice, choose_device, list_devices
 from .options import Dlpc900Options, read_dlpc900_options
 from .playing import BlockWatch
@@ -161,7 +160,7 @@ class Dlpc900Display:
             if arms:
                 self._arm(0)
             else:
-                _on_each(list(self._panels), self._make_black)
+                apply_to_each(list(self._panels), self._make_black)
 
     def show(self, frames: Frames) -> None:
         """Hold the first row until `black` or `play`."""
@@ -212,7 +211,7 @@ class Dlpc900Display:
         panels, self._panels, self._loaded = self._panels, [], None
         self._arms_at_black = self._armed = False
         with self._context.patience.deaf():
-            _on_each(panels, DmdPanel.close)
+            apply_to_each(panels, DmdPanel.close)
 
     def _open(self) -> None:
         """Find both devices, and make them black."""
@@ -400,18 +399,6 @@ class Dlpc900Display:
             )
         if not self._of_thread.helps:
             self._context.patience.look()
-
-
-def _on_each(panels: Sequence[DmdPanel], work: Callable[[DmdPanel], None]) -> None:
-    """Do something to each panel, whatever becomes of the other; the first error is raised then."""
-    errors = []
-    for panel in panels:
-        try:
-            work(panel)
-        except PdcdError as err:
-            errors.append(err)
-    if errors:
-        raise errors[0]
 
 
 def _conforms(driver: Dlpc900Display) -> Display:

@@ -15,8 +15,8 @@ _HINT = "docs/dlpc900.md lists the options of the driver dlpc900"
 _Name = Annotated[str, Meta(min_length=1)]
 
 
-class Dlpc900Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Which two devices, how they start, and what the guides leave open."""
+class DmdOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Of a display of two DMDs, in whatever way pictures come to them."""
 
     projector: _Name
     mask: _Name
@@ -24,6 +24,19 @@ class Dlpc900Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     both."""
     usb: _Name = "libusb"
     """The machine's own, or the name of a driver of the role `usb`."""
+    trigger_bit: Literal[0, 1] = 1
+    """Bit 0 of byte 9 of each entry: whether TRIG_OUT_2 pulses, or is quiet; guide and programs
+    disagree which is which."""
+    led: Annotated[int, Meta(ge=0, le=7)] = 1
+    """LEDs that are lit with each plane, as bits."""
+    rest: Literal["black", "standby", "idle"] = "black"
+    """What mirrors do once the display is closed: hold black, park, or toggle evenly to last
+    longer. Only black is dark."""
+
+
+class Dlpc900Options(DmdOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Which two devices, how they start, and what the guides leave open."""
+
     start: Literal["trigger", "chain", "software"] = "trigger"
     """What starts a sequence: one edge on TRIG_IN_1 of both, from the camera; the computer, and
     TRIG_OUT_1 of the projector starts the mask by its TRIG_IN_1; the computer, each by itself."""
@@ -35,14 +48,6 @@ class Dlpc900Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     copy_above: CopyAbove = "lines"
     """What compressed pictures may copy from the line above: whole lines, "parts" of a line (which
     is much shorter for turned panels), or nothing."""
-    trigger_bit: Literal[0, 1] = 1
-    """Bit 0 of byte 9 of each entry: whether TRIG_OUT_2 pulses, or is quiet; guide and programs
-    disagree which is which."""
-    led: Annotated[int, Meta(ge=0, le=7)] = 1
-    """LEDs that are lit with each plane, as bits."""
-    rest: Literal["black", "standby", "idle"] = "black"
-    """What mirrors do once the display is closed: hold black, park, or toggle evenly to last
-    longer. Only black is dark."""
 
     @property
     def in_process(self) -> bool:
