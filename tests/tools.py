@@ -21,6 +21,8 @@ from pathlib import Path
 
 import pytest
 
+_SYS_ADMIN = 21
+"""Bit of CAP_SYS_ADMIN, which a container's root lacks."""
 ANSWER_S = 30.0
 """How long a program may take to say what it is on a loaded machine."""
 
@@ -201,6 +203,15 @@ def missing(*names: str) -> str:
         for name in names
         if not (found := find(name)).path
     )
+
+
+def say_why_no_container() -> str:
+    """Why systemd-nspawn could start none here, whatever is installed; "" where it could."""
+    if os.geteuid():
+        return "NOT ROOT"
+    status = Path("/proc/self/status").read_text()
+    capabilities = int(re.findall(r"^CapEff:\s*(\w+)$", status, re.MULTILINE)[0], 16)
+    return "" if capabilities >> _SYS_ADMIN & 1 else "NO MOUNTS (CAP_SYS_ADMIN)"
 
 
 def needs(*names: str) -> pytest.MarkDecorator:

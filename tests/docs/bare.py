@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.places import ROOT
-from tests.tools import missing, program
+from tests.tools import missing, program, say_why_no_container
 
 HOME = "/home/reader"
 TREE = f"{HOME}/pdcd"
@@ -31,8 +31,6 @@ _PATH = f"{HOME}/.local/bin:/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin"
 _KEPT_S = 14 * 86400.0
 _MAKING_S = 1500.0
 _MEMORY, _LEAST_FREE_BYTES = "/dev/shm", 8 << 30
-_SYS_ADMIN = 21
-"""Bit of CAP_SYS_ADMIN, which a container's root lacks."""
 _NOISE = re.compile(r"Attempted to remove disk file system|Container \S+ terminated by signal KILL")
 """What nspawn says where /run is no memory file system, and where it ended what still ran."""
 _CODE = "=== ended with "
@@ -76,12 +74,7 @@ class NoRootError(Exception):
 
 def say_why_not() -> str:
     """Why no bare root can be had on this machine; "" where one can."""
-    if os.geteuid():
-        return "NOT ROOT"
-    status = Path("/proc/self/status").read_text()
-    if not int(re.findall(r"^CapEff:\s*(\w+)$", status, re.MULTILINE)[0], 16) >> _SYS_ADMIN & 1:
-        return "NO MOUNTS (CAP_SYS_ADMIN)"
-    return missing("debootstrap", "systemd-nspawn", "unshare", "setpriv")
+    return say_why_no_container() or missing("debootstrap", "systemd-nspawn", "unshare", "setpriv")
 
 
 @dataclass(frozen=True)

@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-import os
-import re
 import shutil
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from tests.running_systemd.machine import UNITS, Machine, booted
 from tests.running_systemd.service import CAPTURE_TOML, Line, Service
-from tests.tools import missing
-
-_SYS_ADMIN = 21
-"""Bit of CAP_SYS_ADMIN, which a container's root lacks."""
+from tests.tools import missing, say_why_no_container
 
 
 def why_not() -> str:
     """Why no machine can be had here; "" where one can."""
-    if os.geteuid():
-        return "NOT ROOT, nothing is tested under a running systemd"
-    status = Path("/proc/self/status").read_text()
-    if not int(re.findall(r"^CapEff:\s*(\w+)$", status, re.MULTILINE)[0], 16) >> _SYS_ADMIN & 1:
-        return "NO MOUNTS (CAP_SYS_ADMIN), nothing is tested under a running systemd"
+    if why := say_why_no_container():
+        return f"{why}, nothing is tested under a running systemd"
     if gone := missing("systemd-nspawn", "nsenter", "setpriv"):
         return f"nothing is tested under a running systemd: {gone}"
     return ""
