@@ -7,6 +7,7 @@ import signal
 from collections.abc import Generator, Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from tests import world
 
@@ -15,6 +16,12 @@ world.enter()  # before pdcd is imported, and whatever tests run while they are 
 from tests.xserver import x_full, x_quarter
 
 __all__ = ["x_full", "x_quarter"]
+
+# The same cases every time, and none fails because the machine is busy.
+settings.register_profile(
+    "pdcd", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("pdcd")
 
 # A shell without job control starts what runs in its background with interrupts ignored, and that
 # is passed on: tests that interrupt themselves or a child would wait for ever.

@@ -23,6 +23,9 @@ from drivers.dlpc900.display import Dlpc900Display
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import Clock, DriverContext, SharedState
 from pdcd.bench.tables import Config, DisplayConfig, PanelConfig
+from pdcd.panels.frames import Frames
+from pdcd.panels.patterns import pack_bits
+from pdcd.panels.schedule import build_frames
 
 SIZE = (96, 64)
 ROW_US = 125
@@ -346,3 +349,53 @@ class Dlpc900Rig:
     def forget(self) -> None:
         for dmd in self.dmds:
             dmd.sent.clear()
+
+
+GRID = (6, 8)
+
+
+def never() -> bool:
+    return False
+
+
+def ignore(*_: int) -> None:
+    pass
+
+
+def random_codes(count: int, seed: int = 1, passes: int = 1) -> Frames:
+    rng = np.random.default_rng(seed)
+    pairs = tuple(pack_bits(rng.random((count, GRID[0] * GRID[1])) < 0.5) for _ in range(2))
+    return build_frames((pairs[0], pairs[1]), GRID, window="whole", schedule="none", passes=passes)
+
+
+def opened(**options: Any) -> tuple[Dlpc900Rig, Dlpc900Display]:
+    rig = Dlpc900Rig(**options)
+    display = rig.make()
+    display.connect()
+    return rig, display
+
+
+def shown(dmd: ScriptedDmd) -> list[tuple[Any, int, int]]:
+    """Each entry of the device's table: its plane, exposure and dark time."""
+    found = []
+    for number in range(dmd.table[0]):
+        entry = dmd.entries[number]
+        times = int.from_bytes(entry[2:5], "little"), int.from_bytes(entry[6:9], "little")
+        found.append((dmd.plane(*dmd.place_of(number)), *times))
+    return found
+
+
+def shows_once(dmd: ScriptedDmd) -> bool:
+    """Whether its table is one that ends, not that of black."""
+    return dmd.table[1] > 0
+
+
+def looked_at(rig: Dlpc900Rig, at: list[Any]) -> Callable[[], bool]:
+    """What asks whether it is cancelled: takes down the tables once both show them."""
+
+    def look() -> bool:
+        if not at and all(shows_once(dmd) for dmd in rig.dmds):
+            at.extend(shown(dmd) for dmd in rig.dmds)
+        return False
+
+    return look

@@ -113,7 +113,7 @@ def configs(draw: st.DrawFn) -> Config:
 
 
 @given(configs())
-@settings(deadline=None, derandomize=True, max_examples=20)
+@settings(max_examples=20)
 def test_what_show_prints_loads_as_the_same_rig(
     tmp_path_factory: pytest.TempPathFactory, rig: Config
 ) -> None:
@@ -122,7 +122,7 @@ def test_what_show_prints_loads_as_the_same_rig(
 
 
 @given(options)
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 def test_emitted_text_parses_to_the_same_table(table: dict[str, Any]) -> None:
     assert tomllib.loads(format_toml(table)) == table
 

@@ -133,7 +133,7 @@ any_tables = st.recursive(values, lambda x: st.dictionaries(field_names, x, max_
 
 
 @given(st.dictionaries(field_names, any_tables, max_size=6))
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 def test_any_table_is_either_sound_or_a_configuration_error(
     tmp_path_factory: pytest.TempPathFactory, table: dict[str, Any]
 ) -> None:

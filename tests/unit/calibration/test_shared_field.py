@@ -44,7 +44,7 @@ def every_rectangle(good: Bools) -> int:
     )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     arrays(
         np.bool_,

@@ -95,7 +95,7 @@ def test_a_seed_always_gives_the_same_codes_and_another_seed_others(family: str)
     assert (first.primal != other.primal).mean() > 0.3
 
 
-@settings(deadline=None, derandomize=True, max_examples=20)
+@settings(max_examples=20)
 @given(
     family=st.sampled_from(sorted(ANY_COUNT)),
     rows=st.integers(1, 12),

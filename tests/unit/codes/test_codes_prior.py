@@ -36,7 +36,7 @@ def error(transport: NDArray[np.float64], codes: NDArray[np.bool_]) -> float:
     return float(np.sqrt(np.mean((image - truth) ** 2) / np.mean(truth**2)))
 
 
-@settings(deadline=None, derandomize=True, max_examples=40)
+@settings(max_examples=40)
 @given(
     rows=st.integers(1, 11),
     cols=st.integers(1, 11),

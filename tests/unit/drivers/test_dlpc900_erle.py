@@ -93,7 +93,7 @@ def test_noise_is_sent_as_it_is() -> None:
     assert list(data[48:51]) == [first >> 16, first & 255, first >> 8 & 255]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     size=st.tuples(st.integers(1, 12), st.integers(1, 300)),
     block=st.tuples(st.integers(1, 5), st.integers(1, 150)),

@@ -103,7 +103,7 @@ def test_times_that_are_none_and_grey_levels_are_refused() -> None:
         make_sequence(random_frames(GRID, "whole", 8, grey=True), 105, 0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     dark=st.lists(st.integers(0, 50), min_size=6, max_size=6),
     delay=st.lists(st.integers(-30, 30), min_size=6, max_size=6),

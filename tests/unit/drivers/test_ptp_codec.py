@@ -6,7 +6,7 @@ import os
 import struct
 
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from drivers.ptp.codes import (
@@ -55,10 +55,7 @@ CASES = int(os.environ.get("PDCD_FUZZ_CASES", "300"))
 
 fuzz = settings(
     max_examples=CASES,
-    deadline=None,
     database=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow],
 )
 
 OPEN_SESSION = bytes.fromhex("10000000 0100 0210 00000000 01000000")

@@ -19,7 +19,7 @@ U32 = st.one_of(st.integers(0, 8), st.integers(0, 2**32 - 1), st.just(0x91900011
 CALLS = st.lists(
     st.tuples(CODES, st.lists(U32, max_size=5), st.binary(max_size=24)), min_size=1, max_size=12
 )
-fuzz = settings(max_examples=150, deadline=None, database=None, derandomize=True)
+fuzz = settings(max_examples=150, database=None)
 
 
 @fuzz

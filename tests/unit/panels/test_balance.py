@@ -128,7 +128,7 @@ def test_a_delayed_mask_is_paired_with_its_own_light(delay: int) -> None:
     assert undisturbed(frames, aware, HZ)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     lasts=st.lists(st.integers(1, 3), min_size=12, max_size=12),
     stale=st.sets(st.sampled_from([1, 5, 7, 10]), max_size=3),

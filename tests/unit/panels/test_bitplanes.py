@@ -34,7 +34,7 @@ def unpack_planes(picture: NDArray[np.uint8], order: str) -> NDArray[np.bool_]:
     return np.stack([(c >> plane % 8) % 2 == 1 for plane, c in enumerate(channels)])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     planes=arrays.arrays(
         np.bool_, st.tuples(st.integers(0, BIT_PLANES), st.integers(1, 5), st.integers(1, 7))

@@ -70,7 +70,7 @@ def test_light_of_the_assumed_forms_is_found_and_corrected(
     assert after < left * before
 
 
-@settings(deadline=None, derandomize=True, max_examples=15)
+@settings(max_examples=15)
 @given(rows=st.integers(1, 9), cols=st.integers(1, 9), seed=st.integers(0, 999))
 def test_any_image_on_any_grid_gets_a_finite_correction(rows: int, cols: int, seed: int) -> None:
     """Never more than what would be missing if all light were of both forms."""

@@ -42,7 +42,7 @@ def test_refusals(fields: dict[str, Any], what: str) -> None:
         plan_of(Config(limits=LimitsConfig(max_exposure_s=60.0)), **fields)
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 @given(
     goal=st.sampled_from(["white", "indirect", "direct"]),
     codes=st.sampled_from([2, 4, 12, 16]),

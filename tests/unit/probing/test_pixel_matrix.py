@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -106,7 +106,6 @@ SIDE = st.integers(1, 7)
 
 
 @pytest.mark.long
-@settings(deadline=None)
 @given(
     grid=st.tuples(SIDE, SIDE),
     projector_px=st.tuples(SIDE, SIDE),

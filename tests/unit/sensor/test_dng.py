@@ -43,7 +43,7 @@ def write(path: Path, mosaic: NDArray[np.uint16], **changes: Any) -> int:
     return write_dng(path, mosaic, **(fields | changes))
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 @given(height=SIDES, width=SIDES, seed=st.integers(0, 1000))
 def test_libraw_reads_the_same_mosaic_at_any_size(
     tmp_path_factory: pytest.TempPathFactory, height: int, width: int, seed: int

@@ -44,7 +44,7 @@ def dng(tmp_path: Path) -> Path:
     return path
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 @given(height=SIDES, width=SIDES, seed=st.integers(0, 1000))
 def test_planes_are_the_mosaic_minus_black(
     tmp_path_factory: pytest.TempPathFactory, height: int, width: int, seed: int

@@ -214,7 +214,7 @@ def test_a_cr2_without_its_end_is_noticed_by_size_and_by_its_directory(small_cr2
 
 
 @pytest.mark.long
-@settings(deadline=None, derandomize=True, max_examples=150)
+@settings(max_examples=150)
 @given(
     canon=st.booleans(),
     changes=st.lists(st.tuples(st.integers(0, 700), st.integers(0, 255)), min_size=1, max_size=8),
@@ -239,7 +239,7 @@ def test_damaged_headers_give_typed_errors_only(
     assert frame.planes.ndim == 3 and np.isfinite(frame.planes).all()
 
 
-@settings(deadline=None, derandomize=True, max_examples=150)
+@settings(max_examples=150)
 @given(order=st.sampled_from([b"II*\0", b"MM\0*"]), rest=st.binary(max_size=300))
 def test_tags_of_any_bytes_are_read_without_an_exception(order: bytes, rest: bytes) -> None:
     tags = read_tags(order + rest)

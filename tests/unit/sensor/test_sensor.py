@@ -101,7 +101,7 @@ def test_faulty_profiles_are_refused(tmp_path: Path, old: str, new: str, message
         load_profile(path)
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 @given(electrons=st.floats(0.0, 1e6))
 def test_ideal_sensor_only_scales_and_clips(electrons: float) -> None:
     mark2 = load_profile("mark2")

@@ -179,7 +179,7 @@ def gap_db(
     return 10 * math.log10(photo / other)
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 @given(
     signal_e=st.floats(1.0, 1e5),
     codes=st.integers(2, 4096),

@@ -51,7 +51,7 @@ class Ledger:
         return asyncio.create_task(asyncio.sleep(0))
 
 
-@settings(deadline=None, derandomize=True, max_examples=100)
+@settings(max_examples=100)
 @given(PIECES, st.booleans())
 def test_no_descriptor_is_lost_or_closed_twice(
     pieces: list[tuple[bytes, int, bool]], answered: bool

@@ -269,7 +269,7 @@ def test_what_is_held_goes_out_by_a_timer_and_no_sooner_than_others() -> None:
     assert thin.due(201) is None and not thin.timed
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 @given(st.lists(st.sampled_from(["admit", "finish", "cancel first", "cancel last"]), max_size=30))
 def test_never_two_at_a_time_and_never_out_of_an_end(steps: list[str]) -> None:
     table = JobTable(history=100)

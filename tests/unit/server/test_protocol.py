@@ -252,7 +252,7 @@ NEARLY = st.fixed_dictionaries(
 ).map(lambda value: json.dumps(value).encode())
 
 
-@settings(deadline=None, derandomize=True, max_examples=20)
+@settings(max_examples=20)
 @given(st.lists(st.binary(max_size=200) | NEARLY | NEARLY, max_size=8), st.integers(1, 64))
 def test_no_bytes_make_the_connection_raise(lines: list[bytes], cut: int) -> None:
     stream = b"\n".join(lines) + b"\n"
@@ -267,7 +267,7 @@ def test_no_bytes_make_the_connection_raise(lines: list[bytes], cut: int) -> Non
                 assert answer["error"]["data"]["kind"] in KINDS
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 @given(JSON, st.text(max_size=64))
 def test_any_parameters_are_taken_or_refused_with_a_kind(params: object, text: str) -> None:
     for method in METHODS:
