@@ -33,6 +33,7 @@ from pdcd.bench.placed import find_place_faults
 from pdcd.bench.registry import load_driver, name_driver_errors
 from pdcd.bench.tables import Config
 from pdcd.capture.exposure import RigExposure, with_row_times
+from pdcd.capture.mask_lag import tell_mask_lag_s
 from pdcd.capture.pulse import Pulse
 from pdcd.capture.safety import make_safe, make_safe_beside, release_device
 from pdcd.errors import (
@@ -44,7 +45,6 @@ from pdcd.errors import (
     disk_errors,
 )
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
-from pdcd.panels.schedule import build_frames
 from pdcd.printable import keep_standard_streams
 from pdcd.protocol.events import Emit, ShotArmed, ShutterClosed, ShutterOpen
 from pdcd.sensor.dng import CFAS, keep_photo
@@ -58,11 +58,6 @@ logger = logging.getLogger(__name__)
 
 _LAST_PHOTOS = 9
 """Photos by whose median it is known what a photo costs."""
-
-_BLACK_REFRESHES = 30
-"""By which the lag of a mask is looked at whose display does not tell it: half a second."""
-_STEADY = 0.02
-"""Share of a refresh by which that may change meanwhile: panels on clocks of their own drift."""
 
 _Progress = Callable[[int, int, int], None]
 _Stored = tuple[RawFile, Mapping[str, bytes]]
@@ -214,43 +209,18 @@ class Rig:
         self._context.shared.covered = covered
 
     def mask_lag_s(self, *, look: bool = True) -> float | None:
-        """Lag of the mask as the display tells it; where it does not, and the mask was measured to
-        be late, as it logs some black refreshes. None where nobody knows, or the lag drifts.
-
-        A display that is not open is opened for the question only. look : whether a plan depends on
-        it; black refreshes are not shown for a word in its reasons.
+        """Lag of the mask; see `pdcd.capture.mask_lag`. A display that is not open is opened for
+        the question only. look : whether a plan depends on it; black refreshes are not shown for a
+        word in its reasons.
         """
-        if self.display_info is not None:
-            return self._lag_of(self.display_info, look=look)
+        info = self.display_info
         try:
-            return self._lag_of(self.display.connect(), look=look)
+            return tell_mask_lag_s(
+                self.display, info or self.display.connect(), self.config, self.grid, look=look
+            )
         finally:
-            self.display.disconnect()
-
-    def _lag_of(self, info: DisplayInfo, *, look: bool) -> float | None:
-        skew_s = self.config.mask.skew_s - self.config.projector.skew_s
-        if info.mask_lag_s is not None or not (look and skew_s):
-            return info.mask_lag_s
-        count = _BLACK_REFRESHES * self.config.display.planes_per_refresh
-        black = build_frames(
-            None,
-            self.grid,
-            window="whole",
-            schedule="none",
-            passes=count,
-            primal_black=True,
-            dual_black=True,
-        )
-        try:
-            self.display.load(black)
-            log = self.display.play(lambda *_: None, lambda: False)
-        except (SyncError, ConfigError) as err:
-            logger.warning("the lag of the mask is not known error=%s", err)
-            return None
-        apart_s = 1e-9 * (log.dual_ns - log.primal_ns)[log.missed == 0]
-        if not apart_s.size or np.ptp(apart_s) > _STEADY / self.config.row_hz:
-            return None
-        return float(np.median(apart_s)) + log.mask_delay / self.config.row_hz + skew_s
+            if info is None:
+                self.display.disconnect()
 
     def connect(self) -> None:
         """Open all devices: panels black first, then the shutter closed, then the camera."""
