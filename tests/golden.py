@@ -17,6 +17,9 @@ import pytest
 
 NEAR = 1e-6
 """Largest relative difference: rounding of another machine is far less."""
+ROUNDING = 1e-7
+"""Largest difference of what is small beside the light of 1 that it was worked out from, which is
+kept in float32: processors round it apart."""
 
 
 def plain(value: Any) -> Any:
@@ -49,7 +52,7 @@ def alike(found: Any, wanted: Any, where: str) -> None:
     """Assert that two such results are equal, numbers to rounding."""
     if isinstance(wanted, float) or isinstance(found, float):
         assert isinstance(found, float | int) and isinstance(wanted, float | int), where
-        assert found == pytest.approx(wanted, rel=NEAR, abs=1e-9), where
+        assert found == pytest.approx(wanted, rel=NEAR, abs=ROUNDING), where
     elif isinstance(wanted, dict):
         assert isinstance(found, dict) and list(found) == list(wanted), where
         for name, value in wanted.items():
