@@ -73,3 +73,10 @@ def test_a_figure_stands_in_one_place() -> None:
     twice = {figure: names for figure, names in places.items() if len(names) > 1}
     assert {figure: names for figure, names in twice.items() if figure not in ALLOWED} == {}
     assert set(ALLOWED) <= set(twice), "what stands in one place needs no leave"
+
+
+def test_the_paper_cites_what_its_bibliography_has() -> None:
+    folder = ROOT / "docs" / "paper"
+    cited = set(re.findall(r"@(\w+)", (folder / "paper.md").read_text(encoding="utf-8")))
+    held = re.findall(r"^@\w+\{(\w+),", (folder / "paper.bib").read_text(encoding="utf-8"), re.M)
+    assert sorted(cited) == sorted(held)
