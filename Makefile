@@ -4,7 +4,7 @@
 # make test-slow: whole captures with photos of a 450D's size, by three drivers; minutes.
 # make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
 # make test-docs: README, tutorial and installation in bare Debians, where there is debootstrap, too.
-.PHONY: demo web notebook test test-whole test-long test-slow test-systemd test-docs lint bench soak mutants goldens strangers clean
+.PHONY: demo web notebook test test-whole test-long test-slow test-systemd test-docs lint bench soak mutants goldens strangers api clean
 
 # Processes start often here; each would compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -58,12 +58,18 @@ test-docs:
 	@.ci/setup docs
 	.venv/bin/python -m tests.docs
 
+# The API reference, of docstrings, in the folder api.
+api:
+	@.ci/setup dev
+	.venv/bin/python -m tests.api_pages api
+
 lint:
 	@.ci/setup dev
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy
 	.venv/bin/lint-imports
+	.venv/bin/python -m tests.api_pages api
 
 bench:
 	@.ci/setup dev
@@ -106,4 +112,4 @@ strangers:
 	OMP_NUM_THREADS=1 nice .venv/bin/python -m tests.strangers --count $(COUNT) --seed $(SEED) --out $(OUT)
 
 clean:
-	rm -rf .venv demo mutants .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv api demo mutants .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

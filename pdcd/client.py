@@ -50,6 +50,8 @@ _T = TypeVar("_T")
 _Arrays = Mapping[str, Sendable]
 """Arrays of a request by field: paths, or numpy arrays."""
 _NONE: _Arrays = MappingProxyType({})
+_Jobs = list[JobView]
+"""Under a name of its own, as `Client.list` hides that of the type."""
 
 INTAKE_TIMEOUT_S = 30.0
 """Time allowed to the daemon for reading the arrays of a request, in seconds."""
@@ -196,7 +198,7 @@ class Client(LineTalk):
         answer = self.call("rig.describe", timeout_s=_ENGINE_TIMEOUT_S)
         return convert_reply(answer, RigDescription).rig
 
-    def list(self) -> list[JobView]:
+    def list(self) -> _Jobs:
         """The jobs that the daemon knows, oldest first."""
         return convert_reply(self.call("capture.list"), JobList).jobs
 

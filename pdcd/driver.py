@@ -8,66 +8,66 @@ Whatever moves inside pdcd, these names are found here. Nothing inside pdcd impo
 own drivers do. docs/new-driver.md explains how a driver is written.
 
 Roles, each a Protocol that a class of yours answers (an entry point names it)
-    `Display`            shows frames on projector and mask, in step, and logs when
-    `Shutter`            opens and closes the exposure
-    `TimedShutter`       the same, and wants to know how long the exposure will be
-    `Readout`            sets the camera up and brings its photo home
-    `RecheckingReadout`  the same, and finds its photos in files which others write
-    `Preview`            the camera's finder; a bench may lack it
+- `Display`            shows frames on projector and mask, in step, and logs when
+- `Shutter`            opens and closes the exposure
+- `TimedShutter`       the same, and wants to know how long the exposure will be
+- `Readout`            sets the camera up and brings its photo home
+- `RecheckingReadout`  the same, and finds its photos in files which others write
+- `Preview`            the camera's finder; a bench may lack it
 
 What crosses them
-    `DriverContext`      what `create` gets: configuration, clock, sign of life, the one camera
-    `Patience`           one deadline and one cancel for every loop that waits for a device
-    `Clock`              the only source of time; `RealClock` is the machine's
-    `DisplayInfo`        the two panels as found
-    `CameraInfo`         what the camera is, and how it answers to light
-    `CameraSettings`     settings of one exposure
-    `Frames`, `FrameLog` what both panels are asked to show row by row, and what they did
-    `BLACK`, `WHITE`     pattern indices of a panel that is black, or fully lit
-    `RawFile`            a photo on disk
-    `PhotoFrame`         a photo in memory, which the rig writes to disk
+- `DriverContext`      what `create` gets: configuration, clock, sign of life, the one camera
+- `Patience`           one deadline and one cancel for every loop that waits for a device
+- `Clock`              the only source of time; `RealClock` is the machine's
+- `DisplayInfo`        the two panels as found
+- `CameraInfo`         what the camera is, and how it answers to light
+- `CameraSettings`     settings of one exposure
+- `Frames`, `FrameLog` what both panels are asked to show row by row, and what they did
+- `BLACK`, `WHITE`     pattern indices of a panel that is black, or fully lit
+- `RawFile`            a photo on disk
+- `PhotoFrame`         a photo in memory, which the rig writes to disk
 
 Tools for displays
-    `panels_of`          both panels as the configuration places them
-    `draw`               the exact pixels that a panel must show at a row
-    `draw_planes`        the RGB picture that carries 24 rows, for DLPs,
-    `draw_plane_words`   and the same as one word a pixel
-    `check_fit`          for `load`: refuses what a panel cannot show,
-    `check_binary`       what bit planes cannot,
-    `check_row_times`    and rows with dark time or a delay of their own
-    `streams`            what each panel is sent where the mask is delayed
-    `play_all`           plays frames, and again what was missed, as the rig wants it
-    `join_logs`          the log of several passes
+- `panels_of`          both panels as the configuration places them
+- `draw`               the exact pixels that a panel must show at a row
+- `draw_planes`        the RGB picture that carries 24 rows, for DLPs
+- `draw_plane_words`   the same, as one word a pixel
+- `check_fit`          for `load`: refuses what a panel cannot show
+- `check_binary`       for `load`: refuses grey levels, which bit planes cannot show
+- `check_row_times`    for `load`: refuses rows with dark time or a delay of their own
+- `streams`            what each panel is sent where the mask is delayed
+- `play_all`           plays frames, and again what was missed, as the rig wants it
+- `join_logs`          the log of several passes
 
 Tools for cameras
-    `write_dng`          samples -> a RAW file
-    `read_raw`           a RAW file -> samples; `RAW_SUFFIXES` says how such files are called
-    `read_tags`          the tags of a RAW file, and whether it is whole
-    `find_gap`           what of a RAW file is still to come
-    `WatchedFolder`, `WatchedFile`    a folder that others write into: listed, read and hashed
-    with care; what it tells of a name
-    `to_one_line`        text from outside, fit to show
-    `decode_jpeg`        a picture that a finder sent
-    `load_profile`       the sensor profile that [camera] names
-    `responsivity_e`     what `CameraInfo` says of the answer to light
+- `write_dng`          samples -> a RAW file
+- `read_raw`           a RAW file -> samples; `RAW_SUFFIXES` says how such files are called
+- `read_tags`          the tags of a RAW file, and whether it is whole
+- `find_gap`           the part of a RAW file that is still to come
+- `WatchedFolder`, `WatchedFile`    a folder that others write into: listed, read and hashed
+  with care; what it tells of a name
+- `to_one_line`        text from outside, fit to show
+- `decode_jpeg`        a picture that a finder sent
+- `load_profile`       the sensor profile that [camera] names
+- `responsivity_e`     what `CameraInfo` says of the answer to light
 
 Options and what a doctor says
-    `read_options`       the `options` table of a role as a struct of yours
-    `merge_camera_options`    the same of a camera that is both roles, from either table
-    `Config`, `CameraConfig`, `TriggerConfig`    tables of the configuration
-    `Finding`, `fault`   one line of `pdcd doctor`; the line that an error makes
+- `read_options`       reads the `options` table of a role into a struct of yours
+- `merge_camera_options`    the same for a camera that fills both roles, from either table
+- `Config`, `CameraConfig`, `TriggerConfig`    tables of the configuration
+- `Finding`, `fault`   one line of `pdcd doctor`; the line that an error makes
 
 Errors: a driver raises these and no others
-    `ConfigError`        a setting is wrong, or the device does not offer it
-    `DriverUnavailable`  what the driver needs is not installed
-    `DeviceLost`         the device does not answer
-    `SyncError`          the panels missed refreshes, or cannot be kept in step
-    `ExposureError`      the shutter or the exposure went wrong, or no photo came; `PhotoError`
-    where only the photo was lost, and taking it again may do
-    `DecodeError`        a file that the camera sent cannot be read
-    `NoSpaceError`, `DiskError`    the disk; `disk_errors` turns OSError into them
-    `Cancelled`          `cancelled()` was true while frames were shown
-    `PdcdError`          the base of all
+- `ConfigError`        a setting is wrong, or the device does not offer it
+- `DriverUnavailable`  what the driver needs is not installed
+- `DeviceLost`         the device does not answer
+- `SyncError`          the panels missed refreshes, or cannot be kept in step
+- `ExposureError`      the shutter or the exposure went wrong, or no photo came; `PhotoError`
+  where only the photo was lost, and taking it again may do
+- `DecodeError`        a file that the camera sent cannot be read
+- `NoSpaceError`, `DiskError`    the disk; `disk_errors` turns OSError into them
+- `Cancelled`          `cancelled()` was true while frames were shown
+- `PdcdError`          the base of all
 
 `pdcd.testing` holds all that these roles promise against a driver of yours.
 

@@ -33,7 +33,11 @@ from typing import ClassVar
 
 
 class PdcdError(Exception):
-    """Base of every error of pdcd; carries the failing device and a hint for the user."""
+    """Base of every error of pdcd.
+
+    kind : the word that clients match on. message : what failed. device : on which device, or None.
+    hint : one thing to do, or None.
+    """
 
     kind: ClassVar[str] = "internal"
 

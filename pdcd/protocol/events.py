@@ -67,6 +67,7 @@ class JobStarted(Event, frozen=True, kw_only=True, tag_field="type", tag="starte
     """The job has the rig."""
 
     goal: GoalName
+    """What it photographs."""
 
 
 class PilotLearning(Event, frozen=True, kw_only=True, tag_field="type", tag="learning"):
@@ -113,7 +114,8 @@ class ShotDiscarded(Event, frozen=True, kw_only=True, tag_field="type", tag="dis
 
 
 class PartCompleted(Event, frozen=True, kw_only=True, tag_field="type", tag="converging"):
-    """With `until_error`: a part is complete. `preview/running.png` is new."""
+    """With `until_error`: a part is complete, which leaves `rms_sigma`. `preview/running.png` is
+    new."""
 
     part: Annotated[int, Meta(ge=1, description="parts taken so far")]
     rms_sigma: (
@@ -126,7 +128,8 @@ class PartCompleted(Event, frozen=True, kw_only=True, tag_field="type", tag="con
 
 
 class Attention(Event, frozen=True, kw_only=True, tag_field="type", tag="attention"):
-    """A calibration waits for somebody to do something, and say so (`calibrate.proceed`)."""
+    """A calibration waits for somebody to do something, and say so (`calibrate.proceed`). `now` and
+    `best` are the number that is to be made as large as it can be, where there is one."""
 
     text: Annotated[str, Meta(description="what is to be done, in one sentence")]
     now: (
@@ -146,7 +149,11 @@ class StepBegun(Event, frozen=True, kw_only=True, tag_field="type", tag="step_be
 
 
 class StepEnded(Event, frozen=True, kw_only=True, tag_field="type", tag="step_ended"):
-    """A step of a calibration is done: what it found."""
+    """A step of a calibration is done: what it found.
+
+    verdict : on the whole step. photos : how many it took. figures : what it measured. advice :
+    what to do about figures that are not good, a sentence each.
+    """
 
     step: str
     verdict: VerdictName
@@ -187,19 +194,20 @@ class _End(Event, frozen=True, kw_only=True):
 
 
 class JobDone(_End, frozen=True, kw_only=True, tag_field="type", tag="done"):
-    """The run folder is complete."""
+    """The run folder is complete; `state` is that of the job."""
 
     state: Literal["done"] = "done"
 
 
 class JobFailed(_End, frozen=True, kw_only=True, tag_field="type", tag="failed"):
-    """The job ended by an error; panels are black and the shutter is closed."""
+    """The job ended by an error; panels are black and the shutter is closed. `state` is the job's."""
 
     state: Literal["failed"] = "failed"
 
 
 class JobCancelled(_End, frozen=True, kw_only=True, tag_field="type", tag="cancelled"):
-    """The job was ended by somebody; panels are black and the shutter is closed."""
+    """The job was ended by somebody; panels are black and the shutter is closed. `state` is the
+    job's."""
 
     state: Literal["cancelled"] = "cancelled"
 
@@ -239,6 +247,7 @@ ENDS = (JobDone, JobFailed, JobCancelled)
 """The last event of a job is one of these."""
 
 COMMON_FIELDS = frozenset(Event.__struct_fields__)
+"""Names of the fields that every event has."""
 
 Emit = Callable[[Event], None]
 """Takes one event of the engine; must not block."""
@@ -248,6 +257,7 @@ class UnknownEvent(Event, frozen=True, kw_only=True):
     """An event of a type that this version does not know, as a newer daemon may send it."""
 
     tag: str
+    """Name of its type."""
     fields: dict[str, Any]
     """All beside the common ones, in JSON types."""
 

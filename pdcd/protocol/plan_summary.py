@@ -60,7 +60,11 @@ class CaptureScheme(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ShotSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """One exposure of a plan, or `exposures` equal ones that differ in their code only."""
+    """One exposure of a plan, or `exposures` equal ones that differ in their code only.
+
+    name : that of its photo. codes : code pairs that each exposure shows. refreshes, exposure_s :
+    how long each one lasts, in refreshes of the panels and in seconds.
+    """
 
     name: str
     exposures: int = 1
@@ -75,7 +79,7 @@ class Prediction(msgspec.Struct, frozen=True, kw_only=True):
     """RMS errors to be expected of a plan's answer, relative to the RMS of the true picture.
 
     `code` and `sensor` add up in squares to `error`; `bound` is kept with the probability
-    `confidence`. `prior` says what the scene was taken to be.
+    `confidence`. `prior` says what the scene was taken to be, `iso` at which speed of the camera.
     """
 
     error: float
@@ -91,8 +95,8 @@ class PilotCost(msgspec.Struct, frozen=True, kw_only=True):
     """What the photos of a pilot cost, and what is saved if its first ones see no sharp paths.
 
     After `scouts` photos it may stop; the coded photo then gets `stopped_codes` codes, and the
-    whole capture has `stopped_raw_files` files and takes `stopped_seconds`. The seconds are those
-    of exposures.
+    whole capture has `stopped_raw_files` files and takes `stopped_seconds`. `raw_files` and
+    `seconds` are those of the pilot's photos; seconds are those of exposures.
     """
 
     raw_files: int
@@ -130,7 +134,16 @@ class LeakErrors(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What a capture would do, without doing it (`pdcd plan`, `capture.plan`)."""
+    """What a capture would do, without doing it (`pdcd plan`, `capture.plan`).
+
+    goal, family, codes, p : the goal; how its codes are made, how many there are, the pilot's among
+    them, and the share of codes in which a cell is lit. grid : rows and columns of code cells.
+    window : the part of a mask cell that opens. passes : how often all codes are shown.
+
+    shots : the exposures, in order. refreshes, seconds, raw_files : sums over them. light_share :
+    that of the coded photo, 0..1. pilot, pilot_cost : how many of the codes are photographed one by
+    one first, and what that costs. prediction : the error to be expected, where it was asked for.
+    """
 
     goal: str
     family: str

@@ -13,8 +13,8 @@ from pdcd.words import JobState, VerdictName
 
 
 class Quality(msgspec.Struct, frozen=True, kw_only=True):
-    """The verdict on a run (docs/quality.md): each reason is a plain sentence with its figure, its
-    limit and what to do. A good run has none; `remarks` leave it good."""
+    """The verdict on a run (docs/quality.md): each of `reasons` is a plain sentence with its
+    figure, its limit and what to do. A good run has none; `remarks` leave it good."""
 
     verdict: VerdictName
     reasons: tuple[str, ...] = ()
@@ -38,7 +38,11 @@ def read_summary_value(summary: Mapping[str, SummaryValue], name: str) -> float 
 
 
 class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
-    """The end of a job: what `capture.wait` returns and `pdcd capture --json` prints last."""
+    """The end of a job: what `capture.wait` returns and `pdcd capture --json` prints last.
+
+    state : how it ended. folder : the run, finished or not; None where nothing was begun. manifest_sha256 : digest of its
+    `capture.json`, to be kept elsewhere.
+    """
 
     job: str
     state: JobState

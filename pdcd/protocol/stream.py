@@ -42,7 +42,10 @@ class StreamRequest(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class PackedArray(msgspec.Struct, frozen=True):
-    """Where an array lies in the memory whose descriptor comes with a message."""
+    """Where an array lies in the memory whose descriptor comes with a message.
+
+    dtype, shape : as of numpy. offset : of its first byte.
+    """
 
     dtype: str
     shape: tuple[int, ...]
@@ -55,6 +58,7 @@ class StreamFrame(msgspec.Struct, frozen=True, kw_only=True):
     number: Annotated[int, Meta(ge=1, description="counts the pictures and spoilt photos")]
     t_mono_ns: Annotated[int, Meta(description="when it was there, as event times are")]
     goal: str
+    """Which light the stream keeps."""
     spoilt: Annotated[str, Meta(description="why there is no picture; empty where there is")] = ""
     lost: Annotated[int, Meta(ge=0, description="photos of the stream spoilt so far")] = 0
     rate_hz: Annotated[float, Meta(ge=0.0, description="pictures a second, lately")] = 0.0
@@ -85,8 +89,9 @@ class StreamFrame(msgspec.Struct, frozen=True, kw_only=True):
 class StreamedPicture:
     """A picture of a stream: what is told of it, and its numbers, which a spoilt photo has not.
 
-    arrays : "image" and "sigma", (rows, cols, C), means over cells and their standard deviation, as
-    `pdcd.api.run.Run` has them; "picture" and "picture_sigma", (h, w, C), of the camera's quads.
+    frame : its figures. arrays : "image" and "sigma", (rows, cols, C), means over cells and their
+    standard deviation, as `pdcd.api.run.Run` has them; "picture" and "picture_sigma", (h, w, C), of
+    the camera's quads.
     """
 
     frame: StreamFrame

@@ -12,7 +12,8 @@ from pdcd.bench.devices import DisplayInfo
 
 
 class OwnerView(msgspec.Struct, frozen=True, kw_only=True):
-    """Who started a job, as the kernel vouches for it (SO_PEERCRED)."""
+    """Who started a job, as the kernel vouches for it (SO_PEERCRED): `uid`, `pid`, and the name of
+    the user."""
 
     uid: int
     pid: int
@@ -20,14 +21,16 @@ class OwnerView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DriverView(msgspec.Struct, frozen=True, kw_only=True):
-    """A driver in use, and how far it can be trusted: broken, experimental, beta or stable."""
+    """A driver in use: its `name`, and its `maturity`, how far it can be trusted: broken,
+    experimental, beta or stable."""
 
     name: str
     maturity: str
 
 
 class CameraView(msgspec.Struct, frozen=True, kw_only=True):
-    """The camera as found (`pdcd.bench.devices.CameraInfo`)."""
+    """The camera as found (`pdcd.bench.devices.CameraInfo`): `model` and `serial` as it says them,
+    `profile` of its sensor, and the `isos` and `f_numbers` that can be set."""
 
     model: str
     serial: str
@@ -39,7 +42,10 @@ class CameraView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RigView(msgspec.Struct, frozen=True, kw_only=True):
-    """The bench as found; a device that is not open is null."""
+    """The bench as found; a device that is not open is null.
+
+    name : as the configuration has it. display, camera : what their drivers found. scene : the virtual one, else null.
+    """
 
     name: str
     mock: bool
@@ -56,7 +62,7 @@ class RigView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PreviewView(msgspec.Struct, frozen=True, kw_only=True):
-    """A quick photo on the daemon's disk."""
+    """A quick photo on the daemon's disk: its `path`, and the `sha256` of that file."""
 
     path: str
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
