@@ -200,7 +200,8 @@ class JobDone(_End, frozen=True, kw_only=True, tag_field="type", tag="done"):
 
 
 class JobFailed(_End, frozen=True, kw_only=True, tag_field="type", tag="failed"):
-    """The job ended by an error; panels are black and the shutter is closed. `state` is the job's."""
+    """The job ended by an error; panels are black and the shutter is closed. `state` is the
+    job's."""
 
     state: Literal["failed"] = "failed"
 

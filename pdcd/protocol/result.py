@@ -40,8 +40,8 @@ def read_summary_value(summary: Mapping[str, SummaryValue], name: str) -> float 
 class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
     """The end of a job: what `capture.wait` returns and `pdcd capture --json` prints last.
 
-    state : how it ended. folder : the run, finished or not; None where nothing was begun. manifest_sha256 : digest of its
-    `capture.json`, to be kept elsewhere.
+    state : how it ended. folder : the run, finished or not; None where nothing was begun.
+    manifest_sha256 : digest of its `capture.json`, to be kept elsewhere.
     """
 
     job: str

@@ -44,7 +44,8 @@ class CameraView(msgspec.Struct, frozen=True, kw_only=True):
 class RigView(msgspec.Struct, frozen=True, kw_only=True):
     """The bench as found; a device that is not open is null.
 
-    name : as the configuration has it. display, camera : what their drivers found. scene : the virtual one, else null.
+    name : as the configuration has it. display, camera : what their drivers found. scene : the
+    virtual one, else null.
     """
 
     name: str
