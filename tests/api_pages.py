@@ -62,7 +62,7 @@ def _import_whole(name: str) -> ModuleType:
     return module
 
 
-def _untold(space: pdoc.doc.Namespace[object]) -> Iterator[str]:
+def _untold(space: pdoc.doc.Module | pdoc.doc.Class) -> Iterator[str]:
     """Full names of all that is public, is not inherited, and is explained nowhere.
 
     A variable may be explained by the docstring of its module, its class or a base of that. What a
@@ -91,7 +91,7 @@ def _describe_fields(obj: object) -> dict[str, str]:
     return {name: field.text for name, field in fields.items() if field.text}
 
 
-def _mentions(space: pdoc.doc.Namespace[object], name: str) -> bool:
+def _mentions(space: pdoc.doc.Module | pdoc.doc.Class, name: str) -> bool:
     kind = space.obj
     homes = [kind]
     if isinstance(kind, type):  # with bases of its own package, not Exception or Struct

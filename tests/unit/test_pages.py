@@ -11,7 +11,10 @@ import pytest
 from tests.places import ROOT
 
 PAGES = [
-    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *(
+        ROOT / name
+        for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "CODE_OF_CONDUCT.md")
+    ),
     *sorted((ROOT / "docs").rglob("*.md")),
     ROOT / "systemd" / "README.md",
 ]
