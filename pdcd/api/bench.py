@@ -83,7 +83,7 @@ class Bench(ABC):
 
         Parameters
         ----------
-        goal : what to keep of the light, such as "indirect" (`pdcd.recipes.goals`).
+        goal : which light to keep, such as "indirect" (`pdcd.recipes.goals`).
         progress : whether to show it, in a notebook or on the terminal; or what takes each event.
         arguments : fields of `pdcd.protocol.request.CaptureRequest`. Arrays are numpy arrays, rows
         of

@@ -18,9 +18,9 @@ serve  serve:serve  run the daemon, in the foreground unless told otherwise
   @config
   --socket PATH               listen here
   --state-dir DIR             keep runs below this folder
-  --background                return when it listens, and leave it running; its log is daemon.log in
-                              the state folder
-  -v --verbose                log everything at a terminal, too, not warnings alone
+  --background                return once the daemon listens, and leave it running; its log is
+                              daemon.log in the state folder
+  -v --verbose                log everything, not only warnings, also at a terminal
 capture  capture:capture  take a photo and wait for it
   usage                       [OPTIONS] GOAL
   @photo
@@ -31,17 +31,18 @@ transport  capture:capture  photograph entries of the transport matrix
   @photo goal=transport without=method
   @detach
   @queue
-batch  batch:take_batch  take the photos of a table, and again those that fail
-  more                        Take the photos of a table, one after the other, and again those that
-                              fail. What is done is not taken again: the same command goes on where
-                              it was ended. In TOML a [[photo]] for each, and [all] for what all
-                              share; in CSV a line for each.
-  table FILE                  .toml or .csv: keywords of each photo, with its goal
-  --out DIR                   runs or links to them, table.csv and summary.txt; default: named as
-                              the table
-  --retries N=1               how often failed ones are tried again
-  --pause S=30.0              wait so long before
-  --workers N                 with --local on the mock bench: so many at a time
+batch  batch:take_batch  take all photos that a table lists, and retry those that fail
+  more                        Take all photos that a table lists, one after the other, and retry
+                              those that fail. Photos that are done are not taken again: the same
+                              command resumes where it was interrupted. A TOML file has a [[photo]]
+                              for each, and [all] for what they share; a CSV file has a line for
+                              each.
+  table FILE                  a .toml or .csv file with the goal and the options of each photo
+  --out DIR                   folder of the runs (or links to them), table.csv and summary.txt;
+                              default: the table's name
+  --retries N=1               how often a failed photo is tried again
+  --pause S=30.0              seconds to wait before a photo is tried again
+  --workers N                 photos to take at a time; only with --local on the mock bench
   @client
   @local
 compare  compare:compare  take a photo by every method, side by side
@@ -49,14 +50,14 @@ compare  compare:compare  take a photo by every method, side by side
   @photo without=method
 init  init:prepare_bench  find out what this machine has, and write the files of a bench
   --yes                       ask nothing: take what is proposed
-  --out DIR                   folder of the files; default: where pdcd.toml is looked for
+  --out DIR                   folder to write into; default: where pdcd looks for pdcd.toml
   --display :N                X server to look at; default: $DISPLAY
-  --projector OUTPUT          which output it is, by its name
-  --mask OUTPUT               the same
-  --camera KEY                one that is found, or virtual, or none
-  --release PORT              serial port that opens the shutter; camera: the camera does
+  --projector OUTPUT          name of the output that drives the projector
+  --mask OUTPUT               name of the output that drives the mask
+  --camera KEY                a camera that was found, or virtual, or none
+  --release PORT              serial port that opens the shutter, or camera if that opens it
 demo  demo:run_demo  start a daemon on the mock bench and take one photo with it
-  --out DIR=demo
+  --out DIR=demo              folder of the state and the runs
   @fields codes seed
 plan  capture:plan  say what a capture would do, without doing it
   usage                       [OPTIONS] GOAL
@@ -74,57 +75,57 @@ cancel  jobs:cancel  end a job: the one named, else the running one
 wait  capture:wait  wait for a job and report it as capture does
   job JOB
   @client
-web  web:serve_web  serve a page for the person at the bench, to this machine alone
+web  web:serve_web  serve a page for the person at the bench, on this machine only
   @config
   @socket
   --state-dir DIR             where the daemon keeps its runs
-  --host ADDRESS=127.0.0.1    of the loopback interface
-  --port N=8137               0 takes a free one
+  --host ADDRESS=127.0.0.1    an address of the loopback interface
+  --port N=8137               port; 0 takes a free one
 
 drivers  tools:print_drivers  list drivers and why some are unavailable
   @json
-doctor  -  say what of the bench is fit to work, and what not
+doctor  -  check the devices of the bench, and say how to mend them
 doctor display  doctor:diagnose_display  look at the X server and at both panels
   @device
   --display :N                X server; default: the configuration's
 doctor camera  doctor:diagnose_camera  look at the camera on USB or network; nothing is exposed
   @device
-  --raw FILE                  a photo of it: tells its frame and orientation
+  --raw FILE                  a RAW photo of this camera, to read frame and orientation from
 doctor trigger  doctor:diagnose_trigger  look at the shutter, and click it if told to
   @device
   --click                     open the shutter, and close it again
-  --seconds S=1.0             hold it open
-calibrate  calibrate:calibrate  have the bench measure itself
+  --seconds S=1.0             how long to hold it open
+calibrate  calibrate:calibrate  measure the bench with its own camera
   usage                       [OPTIONS] [STEP ...]
   usage                       list | use NAME|none|latest | forget NAME [--yes]
-  step [STEP ...]             default: all that a bench needs; or of <steps>. In its place list: the
-                              calibrations that are kept; use: go by one, by name, or by the latest;
-                              forget: remove one
-  --scene                     on the scene that is in front of the camera, without a card
+  step [STEP ...]             steps to take, of <steps>; default: all that a bench needs. Instead of
+                              steps: list shows the calibrations that are kept, use makes captures
+                              go by one, by its name, or by the latest, forget removes one
+  --scene                     calibrate on the scene in front of the camera, without a card
   @fields marks
-  --anew                      measure all steps, also those found by a calibration that stopped not
-                              long ago
+  --anew                      measure all steps, also those that a calibration has finished which
+                              was interrupted not long ago
   --again FOLDER              compute a calibration again from its photos
-  --out DIR                   make the folder in DIR; goes with --local
-  --yes                       wait for nobody: the card is where it has to be; forget without asking
+  --out DIR                   make the folder in DIR; only with --local
+  --yes                       ask nothing: the card is in its place; forget without asking
   @queue
   @local
   @client
 show  panels:show_pattern  show a pattern on both panels, without a camera
   pattern [PATTERN]=grid      one of <patterns>
-  --index N=0                 which code
-  --loop                      all codes over and over: see through the mask
-  --out PNG                   on the mock: where to draw it; show-PATTERN.png
-  --seconds S                 end by itself
+  --index N=0                 number of the code
+  --loop                      show all codes over and over, to look through the mask
+  --out PNG                   on the mock bench: file to draw into; default: show-PATTERN.png
+  --seconds S                 end after S seconds
   --detach                    leave it on the daemon's panels and return
   @client
-preview  preview:show_live_view  see what the camera sees, with its focus, until Ctrl-C
-  pattern [STILL]=white       on both panels meanwhile: one of <still>
-  --index N=0                 which code
-  --seconds S                 end by itself
-  --out PNG                   keep the last picture
-  --web                       on a page in a browser, as pdcd web has it
-  --port N=8137               of that page; 0 takes a free one
+preview  preview:show_live_view  show live what the camera sees, and its focus
+  pattern [STILL]=white       pattern on both panels meanwhile, one of <still>
+  --index N=0                 number of the code
+  --seconds S                 end after S seconds; without it, by Ctrl-C
+  --out PNG                   file to keep the last picture in
+  --web                       show it on the page of pdcd web, in a browser
+  --port N=8137               port of that page; 0 takes a free one
   @client
 stream  stream:show_stream  take photos again and again by one plan, until Ctrl-C
   usage                       [OPTIONS] GOAL
@@ -135,33 +136,33 @@ stream  stream:show_stream  take photos again and again by one plan, until Ctrl-
   @queue
   --over N=1                  how many of the newest photos make a picture
   --rate HZ                   pictures a second at most; default: 30
-  --seconds S > lasts_s       end by itself
+  --seconds S > lasts_s       end after S seconds
   --out PATH > kept_in        keep the pictures: in a video (.mp4), or as float TIFFs in a folder
   --record                    at the end, make a run folder of the newest set of photos
 timing  panels:measure_timing  measure how regularly the panels show codes
   --frames N=3000             refreshes to show
   --out PNG                   write histograms of the times
-  --config FILE               where the panels are named
+  --config FILE               configuration that names the panels
   @json
-config  tools:examine_config  try the configuration without a device, print it or its JSON Schema
+config  tools:examine_config  check the configuration without a device, print it or its schema
   action {check,show,schema}
-  --config FILE               instead of the usual file
-virtual-camera  tools:run_virtual_camera  be a Canon EOS 450D on the network
-  --port N=15740              0 takes a free one
+  --config FILE               file to take instead of the usual one
+virtual-camera  tools:run_virtual_camera  act as a Canon EOS 450D on the network
+  --port N=15740              port; 0 takes a free one
   --scene KIND=chart          a scene of the mock bench
-  --small                     files of 192 x 128 samples
+  --small                     send small files, of 192 x 128 samples
 snr  snr:print_snr  compare one coded photo with many photos without a mask
   --profile NAME=modern       sensor: a name or the path of a .toml file
-  --iso N                     of the coded photo; default: the profile's lowest
+  --iso N                     ISO of the coded photo; default: the profile's lowest
   --codes N=512               codes as the paper counts them, four to a code pair, each a mask-less
                               photo
-  --exposure S=30.0           of the coded photo, and of all others together, in seconds
+  --exposure S=30.0           seconds of the coded photo, and of all others together
   --signal E                  electrons of the coded photo through an ideal mask; default: 13 % of
                               the highest
   --transmission SHARE=1.0    light that the open mask lets through, as a share of 1 or in %
   @json
 
-runs  runs:print_runs  list runs on disk, and do things with them
+runs  runs:print_runs  list, show, export, verify or remove runs on disk
   usage                       [OPTIONS] [show|export|verify|prune]
   @runs
   @filters of=list
@@ -180,39 +181,39 @@ runs verify  runs:verify  say whether runs are whole and unchanged
   @again
 runs prune  runs:prune  remove runs that are no longer wanted
   more                        Remove captures, after saying which. Name at least one of
-                              --older-than, --failed and --keep; what is named together must hold
-                              together.
+                              --older-than, --failed and --keep; a capture goes if it meets all
+                              that you name.
   @filters
   --older-than T              started before that: <when>
-  --keep N                    not the newest N of those chosen, of any age
+  --keep N                    keep the newest N of those chosen, of any age
   --dry-run                   only say what would be removed
   --yes                       do not ask
   @again
 decode  tools:decode  decode a run folder again from its RAW files
   folder FOLDER
-  --partial                   of a run that was interrupted: a new folder
-  --out DIR                   where that is made; default: beside the old one
+  --partial                   decode a run that was interrupted, into a new folder
+  --out DIR                   where to make that folder; default: beside the old one
   @json
 verify  verify:verify_runs  say whether runs are whole and unchanged
   folder FOLDER ...
-  --manifest-sha256 HEX       what capture told of the run: shows a change that was made on purpose,
-                              too
+  --manifest-sha256 HEX       digest that the capture printed, which also shows changes made on
+                              purpose
   @json
 export  export:export  write pictures of a finished run for other programs
   folder FOLDER
   @export
   @json
-report  report:report  make a page of a finished run, with its pictures
+report  report:report  write a page of a finished run, with its pictures
   folder FOLDER
-  --out FILE                  default: report.html in the run's folder
+  --out FILE                  file to write; default: report.html in the run's folder
   @json
 row  row:draw_matrix_row  show which paths a finished run kept for one cell
   folder FOLDER
-  --cell ROW COLUMN !         counted from 0
-  --photo NAME                default: the one that the answer rests on
-  --out PNG                   default: row-PHOTO-ROW-COLUMN.png in FOLDER
+  --cell ROW COLUMN !         the cell, counted from 0
+  --photo NAME                name of a photo; default: the one that the answer rests on
+  --out PNG                   file to write; default: row-PHOTO-ROW-COLUMN.png in FOLDER
   @json
-figures  figures:take_figures  take the paper's experiments again, as one page
+figures  figures:take_figures  repeat the paper's experiments, and make one page of them
   number [NUMBER ...]         such as 1, 12, table-1, appendix; default: all
   --out DIR !                 folder of the page
   --quick                     a coarser camera and fewer codes, some two minutes on two cores (the
@@ -245,12 +246,12 @@ client
   @socket
   @json
 device
-  --config FILE               where the device is named
+  --config FILE               configuration that names the device
   @json
 local
   --local                     drive the rig from this process, without a daemon
 queue
-  --queue                     wait while the rig is taken
+  --queue                     wait while others use the rig
 detach
   --detach                    start only; the job outlives this command
 run
@@ -262,14 +263,14 @@ runs
   --state-dir DIR             look below this folder; default: where the daemon has its runs, else
                               where captures without a daemon go
 filters
-  --goal GOAL                 photos of this goal
+  --goal GOAL                 only runs of this goal
   --since T                   started then or later: <when>
-  --tag WORD ... > tags       with this tag; again for more, all of which they must have
-  --failed                    of which no whole run came; prune: leftovers without a manifest
+  --tag WORD ... > tags       only runs with this tag; repeat it for runs that have several
+  --failed                    only captures that left no whole run; of prune: no manifest
 export
   --format {exr,tiff16,png16,npz} !  32-bit floats (exr, npz), or 16 bits a colour, linear
-  --picture NAME ...          which one; again for more; default: all
-  --out DIR=.                 no run folder
+  --picture NAME ...          name of a picture; repeat it for more; default: all
+  --out DIR=.                 folder to write into, not that of a run
   --upright                   as the projector sees the scene, cropped to the field; default: as the
                               camera does
   --white-patch X Y           make what lies at X Y of the field grey, from 0 0 at its upper left

@@ -19,10 +19,10 @@ _GroupName = Literal["goal", "codes", "planning", "photo", "run", "calibration"]
 GROUPS: Mapping[_GroupName, tuple[str, str]] = {
     "codes": ("codes", "how many, how they are made, and how they are spent"),
     "planning": ("planning", "codes and exposures by a wanted error or a time"),
-    "photo": ("exposure and panels", "what is left out is as the configuration has it"),
+    "photo": ("exposure and panels", "what you leave out comes from the configuration"),
     "goal": (
         "parameters of goals",
-        "each goal takes its own; arrays have one value for each cell but for the last two",
+        "each goal takes its own; arrays have one value for each cell, except the last two",
     ),
     "run": ("the run", "where it goes, and labels to find it by"),
     "calibration": ("calibration", "what a bench measures of itself, by steps"),

@@ -81,7 +81,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     the rig's configuration, or what `pdcd.planning.defaults` finds best.
     """
 
-    goal: Annotated[GoalName, describe_field("what to keep of the light", "goal")]
+    goal: Annotated[GoalName, describe_field("which light to keep", "goal")]
     codes: Annotated[
         Annotated[int, Meta(ge=1, le=65536)] | None,
         describe_field("independent pairs of codes, one for each panel", "codes", "K", common=True),
@@ -119,8 +119,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     equal_brightness: Annotated[
         bool,
         describe_field(
-            "take as many times more codes as p is smaller than 1/2, so that light of the matched "
-            "cell is as bright for any p",
+            "take 1 / (2 p) times as many codes, so that light of the matched cell is equally "
+            "bright for every p",
             "codes",
         ),
     ] = False
@@ -184,7 +184,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     masked: Annotated[
         bool | None,
         describe_field(
-            "close the mask but for the row of camera cells", "goal", taken_by=["transport"]
+            "open the mask at the row of camera cells only", "goal", taken_by=["transport"]
         ),
     ] = None
     illumination: Annotated[
@@ -242,10 +242,10 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     pilot: Annotated[
         Annotated[int, Meta(ge=0, le=4096)] | Literal["auto"] | None,
         describe_field(
-            "of the codes, how many to photograph one by one first, to learn which far cells are "
-            "linked: 8, 12 or 16 in front of mirrors, which may be all of them, else a power of "
-            "two from 32, with codes left; 0: none; auto: a few, where the first photos show that "
-            "they are worth their files; default: auto, of goals that it helps",
+            "how many of the codes to photograph one by one first, to learn which far cells are "
+            "linked: 8, 12 or 16 in front of mirrors (all codes, if you like), or a power of two "
+            "from 32, if codes are left; 0: none; auto: a few, if the first photos show that they "
+            "are worth their files; default: auto, for goals that gain by it",
             "codes",
             "K0",
         ),
@@ -253,9 +253,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     parts: Annotated[
         Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None,
         describe_field(
-            "exposures to split the codes over; from 4 on their spread measures the error of the "
-            "codes, which is not in sigma else; auto: as many of 16 codes or more as are worth "
-            "their files; default: auto, of goals that bear it",
+            "exposures to split the codes over; the spread of 4 or more measures the error of the "
+            "codes, which otherwise is not in sigma; auto: as many of 16 codes or more as are "
+            "worth their files; default: auto, for goals that allow it",
             "codes",
             "B",
         ),
@@ -263,7 +263,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     until_error: Annotated[
         _Share | None,
         describe_field(
-            "take no more parts once RMS sigma over the picture's RMS is as low as that",
+            "take parts until RMS sigma is at most this share of the picture's RMS",
             "codes",
             "E",
         ),
@@ -280,7 +280,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     error: Annotated[
         _Share | None,
         describe_field(
-            "wanted RMS error as a share of the picture's RMS; codes and exposures follow",
+            "wanted RMS error as a share of the picture's RMS; it decides codes and exposures",
             "planning",
             "E",
             common=True,
@@ -293,7 +293,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     seconds: Annotated[
         Annotated[float, Meta(gt=0.0, le=86400.0)] | None,
         describe_field(
-            "time of all exposures; what gives the smallest error in it follows",
+            "time of all exposures; codes and exposures are those of the smallest error in it",
             "planning",
             "S",
             common=True,

@@ -22,7 +22,7 @@ def test_every_command_says_what_it_does_and_how_it_may_end() -> None:
     assert PARSER.description is not None and "projector" in PARSER.description
     for name, parser in EVERY.items():
         assert parser.description and parser.epilog == EXIT_CODES, name
-    assert "--keep; what is named" in str(EVERY["runs prune"].description)
+    assert "--keep; a capture goes" in str(EVERY["runs prune"].description)
     assert "~/.config/fish" in str(EVERY["completion"].description)
 
 
