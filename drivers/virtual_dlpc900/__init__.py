@@ -1,7 +1,7 @@
 """DMD controllers that are not there: DLPC900s as seen over USB, down to the bytes.
 
 `VirtualDlpc900` is one of them, `VirtualDmdBus` puts several on a pyusb backend, `make_bench_bus`
-has two before the mock bench. What goes wrong is told by `VirtualDmdFault`.
+has two in front of the mock bench. What goes wrong is told by `VirtualDmdFault`.
 """
 
 from __future__ import annotations

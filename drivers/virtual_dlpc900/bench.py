@@ -1,4 +1,4 @@
-"""Two virtual DLPC900s before the mock bench: what they really showed, as its photos see it.
+"""Two virtual DLPC900s in front of the mock bench: what they really showed, as its photos see it.
 
 The projector and the mask of a configuration are two devices on one USB, told apart by their serial
 numbers. The camera's line says when the shutter of the bench is open, and is wired to TRIG_IN_1 of

@@ -146,7 +146,7 @@ class CalibrationSession:
         saturation; 0 before it was metered.
     arrays : of steps so far, and of the calibration before.
     helped : whether what is asked of a person (`UserPrompt`) is done.
-    subject : what is before the camera. marks : what the geometry is to show.
+    subject : what is in front of the camera. marks : what the geometry is to show.
     behind_rows : rows by which the mask is to be sent its pictures later than the display does: it
         takes what was measured from its next start on.
     field_px : the field in the projector's picture; None: all of it.

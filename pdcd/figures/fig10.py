@@ -1,8 +1,8 @@
 """Figure 10: indirect light taken apart into sharp and soft.
 
-A ball of mirrors on a disk of wax before an open book. Four photos of indirect light alone, each
-under stripes that light half of the cells, moved on by a quarter of their period. Light that came
-by one sharp path is there under some stripes and not under others; soft light is half there under
+A ball of mirrors on a disk of wax in front of an open book. Four photos of indirect light alone,
+each under stripes that light half of the cells, moved on by a quarter of their period. Light that
+came by one sharp path is there under some stripes and not under others; soft light is half there under
 all of them. So the largest less the smallest of the four is what is sharp, and twice the smallest
 is what is soft. What is checked: that the wax and the other page are in the soft picture, and the
 ball's spots in the sharp one.
@@ -109,7 +109,7 @@ FIGURE = PaperFigure(
     "Sharp and soft indirect light",
     see="The ball's spots are in (d), the glow of the wax and of the facing page in (e).",
     paper="128 codes for each of four photos under shifted stripes, and as many black ones.",
-    unlike="The ball hangs before the book rather than on the wax, where one cannot tell.",
+    unlike="The ball hangs in front of the book rather than on the wax, where one cannot tell.",
     takes=takes,
     shown=shown,
 )

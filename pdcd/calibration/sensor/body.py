@@ -2,7 +2,8 @@
 
 Fourteen photos: two of black panels, one of the open mask alone, and white light of counted
 refreshes from 3 to 130 % of what saturates; two doses are taken twice. All have the shutter open
-for as long. Any still thing may stand before the camera: a card is best, for its light is even.
+for as long. Any still thing may stand in front of the camera: a card is best, for its light is
+even.
 
 RAW samples are taken plane by plane, R, G1, G2, B or grey, as the sensor gave them.
 """

@@ -262,7 +262,7 @@ def _refuse(plane: str, dark: _Pair, lit: tuple[_Pair, ...], used: NDArray[np.bo
         raise CalibrationError(
             f"plane {plane}: only {many} parts of the flat photos are evenly lit",
             device="camera",
-            hint="put a white card before the camera, so that it fills the picture; focus",
+            hint="put a white card in front of the camera, so that it fills the picture; focus",
         )
     if used.sum() < 0.2 * many:
         raise CalibrationError(

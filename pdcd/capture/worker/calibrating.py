@@ -105,8 +105,8 @@ class CalibrationStart:
     """What a calibration starts from.
 
     before : folder of the calibration that is in use, for what its steps left for later ones.
-    helped : whether what is asked of a person is done. subject : what is before the camera. marks :
-        what the geometry is to show. steps : to come after the metering.
+    helped : whether what is asked of a person is done. subject : what is in front of the
+        camera. marks : what the geometry is to show. steps : to come after the metering.
     """
 
     config: Config

@@ -38,7 +38,7 @@ from pdcd.errors import ConfigError
 
 SHARP = 0.15
 """`estimate_sharpness` from which a pilot goes on. On the diffuse scenes of 24 x 32 and 48 x 64
-cells here it is 0.004 to 0.11, before mirrors and a mirror ball 0.22 to 0.75."""
+cells here it is 0.004 to 0.11, in front of mirrors and a mirror ball 0.22 to 0.75."""
 PATH_CHUNK, _ROWS = 2**17, 32
 """Paths whose weights are summed up at once, and rows of factors that are looked into meanwhile."""
 

@@ -1,4 +1,4 @@
-"""A mirror ball on a disk of wax before an open book: sharp indirect light, and two soft kinds."""
+"""A mirror ball on wax in front of an open book: sharp indirect light, and two soft kinds."""
 
 from __future__ import annotations
 
