@@ -4,8 +4,8 @@ A ball of mirrors on a disk of wax in front of an open book. Four photos of indi
 each under stripes that light half of the cells, moved on by a quarter of their period. Light that
 came by one sharp path is there under some stripes and not under others; soft light is half there
 under all of them. So the largest less the smallest of the four is what is sharp, and twice the
-smallest is what is soft. What is checked: that the wax and the other page are in the soft picture, and the
-ball's spots in the sharp one.
+smallest is what is soft. What is checked: that the wax and the other page are in the soft
+picture, and the ball's spots in the sharp one.
 """
 
 from __future__ import annotations
