@@ -33,7 +33,7 @@ def test_the_limits_are_those_of_the_document() -> None:
         f"1 MiB less {(MIB - app.MOST_BODY_BYTES) / KIB:g} KiB for a photo, "
         f"{app.SMALL_BYTES / KIB:g} KiB else"
     )
-    assert told["pages that are told news"] == str(news.PAGES)
+    assert told["pages that receive news"] == str(news.PAGES)
     assert told["questions to the daemon"].startswith(f"{asks.AT_A_TIME} at a time, and one more")
     assert told["pictures, reports"].startswith(
         f"{shelf.MOST_PICTURE_BYTES / MIB:g} MiB, {shelf.MOST_REPORT_BYTES / MIB:g} MiB;"
