@@ -24,6 +24,9 @@ _DARK = 0.01
 """Share of the mean light that all cells are taken to have beside their own."""
 _LEAST = 1e-6
 """Least strength of detail, over its mean: cells without light tell nothing."""
+_ROUNDING = 1e-12
+"""Detail that weak, relative to the light, is none: of a grid of one row or column nothing else is
+left of it."""
 _LESS_SURE = 4.0
 """How many times further shares may be from the usual ones where parts tell."""
 FROM, TO = -1.0, 2.0
@@ -122,7 +125,7 @@ def _over_strength(squares: Floats, seen: Bools | None) -> Floats:
         )
         strength = np.divide(total, counted, out=np.zeros_like(total), where=seen)
         floor = _LEAST * float(strength[seen].mean()) if seen.any() else 0.0
-    if not floor > 0.0:
+    if not floor > _LEAST * _ROUNDING**2:
         return np.zeros_like(strength)
     scale = 1.0 / np.sqrt(np.maximum(strength, floor))
     return np.asarray(scale if seen is None else np.where(seen, scale, 0.0))
