@@ -1,6 +1,10 @@
-"""Light that was to be blocked, weighed against the whole matrix entry by entry."""
+"""Weights of paths that a verdict speaks of, against the whole matrix entry by entry."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +12,12 @@ import pytest
 from pdcd.probing.convolved import SameRowPart
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import MatchPart, MatrixPart, NearPart, UniformPart, WantedMatrix
-from pdcd.verdict.matrices import compute_blocked_weight, compute_light_share
+from pdcd.recipes.recipe import RecipePhoto
+from pdcd.verdict.matrices import (
+    compute_blocked_weight,
+    compute_direct_weight_errors,
+    compute_light_share,
+)
 
 GRID, N = (3, 4), 12
 
@@ -65,3 +74,19 @@ def test_light_counts_by_its_weight_where_both_pictures_are_known() -> None:
     light[0], answer[1] = np.nan, np.inf
     assert compute_light_share(0.06, light, answer) == pytest.approx(0.3)
     assert compute_light_share(0.06, light, np.zeros((50, 3))) == 0.0
+
+
+def test_cells_of_a_photo_of_direct_light_alone_get_equal_weights_and_others_need_not() -> None:
+    """A white photo has all light beside it, and is no matter of the cells' own weights."""
+    realised = replace(some(5), coaxial=np.where(np.arange(N) < 3, 0.6, 1.0))
+    shots: Any = {"a": SimpleNamespace(realised=realised, missed=0)}
+
+    def errors(*parts: tuple[float, MatrixPart]) -> dict[str, float]:
+        photo = RecipePhoto("p", WantedMatrix(GRID, parts), ((1.0, "a"),))
+        return compute_direct_weight_errors([photo], shots, "mean")
+
+    own = realised.coaxial
+    found = errors((1.0, MatchPart(np.arange(N))))
+    assert found == {"p": pytest.approx(np.std(own) / np.mean(own))}
+    assert not errors((1.0, UniformPart(N)))
+    assert not errors((1.0, UniformPart(N)), (-1.0, MatchPart(np.arange(N))))
