@@ -17,7 +17,6 @@ import ctypes
 import mmap
 import os
 import pickle
-import resource
 import select
 import signal
 import socket
@@ -381,6 +380,8 @@ def end_with_parent() -> None:
 
 def limit_memory(limit_bytes: int) -> None:
     """Let this process have so much memory, for good."""
+    import resource  # which Windows lacks, where runs are only read
+
     # Data, not addresses: libraries reserve addresses by the gigabyte that they never touch.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     most = limit_bytes if hard == resource.RLIM_INFINITY else min(limit_bytes, hard)

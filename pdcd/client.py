@@ -22,6 +22,7 @@ import msgspec
 from pdcd.errors import PdcdError, ProtocolError
 from pdcd.files.opening import Sendable, open_parcels
 from pdcd.files.parcels import unpack_arrays
+from pdcd.files.system import require_linux
 from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.events import Attention, Event
 from pdcd.protocol.line_talk import EventHandler, LineTalk, UnreachableError
@@ -73,6 +74,7 @@ class Client(LineTalk):
     """
 
     def __init__(self, socket_path: Path | str, timeout_s: float = 5.0) -> None:
+        require_linux("a daemon")
         super().__init__(socket_path, timeout_s)
         try:
             self._connect()

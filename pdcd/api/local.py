@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pwd
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -23,6 +22,7 @@ from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError
 from pdcd.files.opening import UnsoundFileError, open_parcels
 from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file
+from pdcd.files.system import require_linux
 from pdcd.planning.stream_set import make_set_request
 from pdcd.protocol.events import Event
 from pdcd.protocol.plan_summary import PlanSummary
@@ -76,6 +76,7 @@ class LocalBench(Bench):
     """A bench in this process, closed until it is first used."""
 
     def __init__(self, config: Config, folder: Path | None = None) -> None:
+        require_linux("a bench")
         from pdcd.capture.engine import Engine
 
         self._config = config
@@ -205,6 +206,8 @@ def describe_bench(config: Config) -> dict[str, Any]:
 
 def describe_owner() -> OwnerView:
     """Who asks, as a daemon would learn it from the kernel."""
+    import pwd  # which Windows lacks, where runs are only read
+
     uid = os.getuid()
     try:
         user = pwd.getpwuid(uid).pw_name

@@ -6,8 +6,6 @@ for each rig, and "latest" then is that one.
 
 from __future__ import annotations
 
-import fcntl
-import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,6 +28,7 @@ from pdcd.bench.truth import restore_typed_values
 from pdcd.errors import BusyError, ConfigError, disk_errors
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import hash_file, read_file
+from pdcd.files.system import locks, system
 from pdcd.files.text import encode_json
 from pdcd.printable import to_one_line
 
@@ -263,7 +262,7 @@ def forget_calibration(config: Config, at: Path) -> None:
     Raises BusyError where a daemon or a capture goes by it, or makes it; and DiskError."""
     name = _name(at)
     with disk_errors(str(at)):
-        descriptor = lock_calibration(at, fcntl.LOCK_EX) if at.is_dir() else None
+        descriptor = lock_calibration(at, locks.LOCK_EX) if at.is_dir() else None
         if descriptor is None and at.is_dir():
             raise BusyError(
                 f"calibration {name} is in use, or being made",
@@ -278,19 +277,19 @@ def forget_calibration(config: Config, at: Path) -> None:
                 shutil.rmtree(gone)
         finally:
             if descriptor is not None:
-                os.close(descriptor)
+                system.close(descriptor)
     if _pins(config).get(config.rig.name) == name:
         pin_calibration(config, None)
 
 
-def lock_calibration(folder: Path, how: int = fcntl.LOCK_SH) -> int | None:
+def lock_calibration(folder: Path, how: int = locks.LOCK_SH) -> int | None:
     """A descriptor that keeps a calibration from being forgotten as long as it is open; None where
     another one keeps this from being had. Raises OSError where there is no folder."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    descriptor = system.open(folder, system.O_RDONLY | system.O_DIRECTORY | system.O_CLOEXEC)
     try:
-        fcntl.flock(descriptor, how | fcntl.LOCK_NB)
+        locks.flock(descriptor, how | locks.LOCK_NB)
     except BlockingIOError:
-        os.close(descriptor)
+        system.close(descriptor)
         return None
     except OSError:  # a disk without locks
         return descriptor
@@ -339,7 +338,7 @@ def _locked(folder: Path) -> bool:
     descriptor = lock_calibration(folder)
     if descriptor is None:
         return True
-    os.close(descriptor)
+    system.close(descriptor)
     return False
 
 

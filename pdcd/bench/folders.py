@@ -10,6 +10,7 @@ from pdcd.bench.tables import (
     Config,
 )
 from pdcd.errors import ConfigError
+from pdcd.files.system import system
 
 MAX_SOCKET_BYTES = 107
 """Longest path of a unix socket: `sun_path` of unix(7) less its closing NUL."""
@@ -43,7 +44,7 @@ def find_state_dir(config: Config) -> Path:
         return Path.home() / ".local" / "state" / "pdcd"
     except RuntimeError as err:  # $HOME is not set, and uid has no entry
         raise ConfigError(
-            f"uid {os.getuid()} has no home folder for runs and calibrations",
+            f"uid {system.getuid()} has no home folder for runs and calibrations",
             hint="set XDG_STATE_HOME or [server] state_dir",
         ) from err
 
@@ -57,7 +58,7 @@ def read_folder_variable(name: str) -> Path | None:
 
 def _private_folder() -> Path:
     """Folder of this user alone below the system's temporary folder, made when missing."""
-    folder = Path(tempfile.gettempdir()) / f"pdcd-{os.getuid()}"
+    folder = Path(tempfile.gettempdir()) / f"pdcd-{system.getuid()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
     except OSError as err:
@@ -67,7 +68,7 @@ def _private_folder() -> Path:
         ) from err
     found = folder.lstat()
     # Anybody may create names in the temporary folder, a symbolic link included.
-    if folder.is_symlink() or found.st_uid != os.getuid() or found.st_mode & 0o077:
+    if folder.is_symlink() or found.st_uid != system.getuid() or found.st_mode & 0o077:
         raise ConfigError(
             f"{folder} is not a private folder of this user",
             hint="remove it, or set [server].socket",

@@ -21,13 +21,9 @@ from pdcd.bench.tables import Config
 from pdcd.capture.job import describe_shots_taken, list_run_warnings, make_manifest, summarise_run
 from pdcd.capture.worker.answers import make_developed_run
 from pdcd.errors import BusyError, DecodeError, RequestError, disk_errors
-from pdcd.files.inside import (
-    find_name_fault,
-    open_folder,
-    open_inner_file,
-    path_of,
-)
+from pdcd.files.inside import find_name_fault, open_folder, open_inner_file
 from pdcd.files.reading import HASH_CHUNK_BYTES, hash_open_file
+from pdcd.files.system import path_of
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import convert_record_errors, write_pictures
 from pdcd.printable import to_one_line

@@ -16,6 +16,7 @@ from pdcd.bench.folders import find_socket_path
 from pdcd.bench.tables import Config
 from pdcd.client import Client
 from pdcd.errors import ConfigError
+from pdcd.files.system import HAS_FOLDER_DESCRIPTORS
 from pdcd.files.text import encode_json
 from pdcd.protocol.line_talk import UnreachableError
 
@@ -59,6 +60,8 @@ def find_daemon(
     """A connection to the daemon, None where none answers. Raises Unreachable where its socket was
     named, or nothing else will do, and ConfigError as `connect_daemon`."""
     needed = needed or args.socket is not None
+    if not (needed or HAS_FOLDER_DESCRIPTORS):
+        return None
     try:
         return connect_daemon(args, drives=drives, coming_s=None if needed else 0.0)
     except UnreachableError:

@@ -30,6 +30,7 @@ from pdcd.cli.output import (
 from pdcd.cli.parser import LISTED
 from pdcd.cli.typed import WHEN
 from pdcd.errors import ConfigError, DecodeError, DiskError
+from pdcd.files.system import require_linux
 from pdcd.files.text import encode_json
 from pdcd.printable import to_one_line
 from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
@@ -339,6 +340,7 @@ def _local(utc: str | None) -> str | None:
 
 def prune(args: argparse.Namespace) -> int:
     """Say which runs are to go, ask, and remove them; fails when one of them could not be."""
+    require_linux("runs prune")
     from pdcd.runs.prune import find_unwanted_runs, remove_run
 
     _check_prune(args)

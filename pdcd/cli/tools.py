@@ -21,6 +21,7 @@ from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_comparison, say_json, say_table, say_text
 from pdcd.errors import ConfigError
+from pdcd.files.system import require_linux
 from pdcd.protocol.events import DecodingProgress
 from pdcd.watch import Watch
 
@@ -97,6 +98,7 @@ def decode(args: argparse.Namespace) -> int:
     with show_bar("reading") as show:
         watch = Watch(step=lambda done, total: show(DecodingProgress(done=done, total=total)))
         if args.partial:
+            require_linux("decode --partial")
             return _salvage(args, watch)
         report = decode_folder(args.folder, watch)
     files = ((file.name, file.identical) for file in report.files)

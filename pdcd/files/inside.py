@@ -17,21 +17,17 @@ from typing import NamedTuple
 from pdcd.errors import DecodeError, DiskError
 from pdcd.files.opening import UnsoundFileError, kind_of
 from pdcd.files.reading import Alive, read_descriptor
+from pdcd.files.system import path_of, system
 
 MAX_NAME_PARTS = 16
 """Deepest file of a folder: parts of its name."""
 MAX_ENTRIES = 1_000_000
 """Most files and folders that are listed."""
-WAY = os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+WAY = system.O_PATH | system.O_DIRECTORY | system.O_NOFOLLOW | system.O_CLOEXEC
 """Flags to open a folder on the way to something, which takes no more than the right to pass."""
-_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+_FOLDER = system.O_RDONLY | system.O_DIRECTORY | system.O_NOFOLLOW | system.O_CLOEXEC
 _SIGN_ENTRIES = 256
 """Names looked at between two signs of life."""
-
-
-def path_of(descriptor: int) -> Path:
-    """Path that leads to what a descriptor of this process holds, wherever that was moved to."""
-    return Path(f"/proc/self/fd/{descriptor}")
 
 
 def find_name_fault(name: str) -> str | None:
@@ -56,11 +52,11 @@ def find_name_fault(name: str) -> str | None:
 @contextmanager
 def open_folder(folder: Path) -> Iterator[int]:
     """Descriptor of a folder, for as long as the context lasts. Raises OSError and ValueError."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    descriptor = system.open(folder, system.O_RDONLY | system.O_DIRECTORY | system.O_CLOEXEC)
     try:
         yield descriptor
     finally:
-        os.close(descriptor)
+        system.close(descriptor)
 
 
 class FolderEntry(NamedTuple):
@@ -103,7 +99,7 @@ def walk_folder(
     `alive` is called now and then, and may raise to end the work. Raises OSError, and DiskError
     where a folder was moved meanwhile.
     """
-    at, above, prefix = os.open(".", _FOLDER, dir_fd=folder), list[os.stat_result](), ""
+    at, above, prefix = system.open(".", _FOLDER, dir_fd=folder), list[os.stat_result](), ""
     ahead: list[list[str]] = []
     try:
         while True:
@@ -122,39 +118,39 @@ def walk_folder(
                     return
                 at = _leave(at, _find_above(at, above.pop()))
                 prefix = prefix[: prefix.rfind("/", 0, -1) + 1]
-            above.append(os.fstat(at))
+            above.append(system.fstat(at))
             at = _leave(at, below)
             prefix += f"{name}/"
     finally:
-        os.close(at)
+        system.close(at)
 
 
 def _leave(left: int, entered: int) -> int:
-    os.close(left)
+    system.close(left)
     return entered
 
 
 def _find_above(at: int, wanted: os.stat_result) -> int:
     """Descriptor of the folder above an open one. Raises DiskError where that is another one."""
-    up = os.open("..", _FOLDER, dir_fd=at)
-    if os.path.samestat(os.fstat(up), wanted):
+    up = system.open("..", _FOLDER, dir_fd=at)
+    if os.path.samestat(system.fstat(up), wanted):
         return up
-    os.close(up)
+    system.close(up)
     raise DiskError("a folder was moved while it was looked at", hint="try again")
 
 
 def _enter(at: int, name: str, *, pass_closed: bool) -> int | None:
     """Descriptor of a folder in an open one, from which there is a way back. Raises OSError."""
     try:
-        below = os.open(name, _FOLDER, dir_fd=at)
+        below = system.open(name, _FOLDER, dir_fd=at)
     except OSError:
         if pass_closed:
             return None
         raise
     try:
-        os.stat("..", dir_fd=below)
+        system.stat("..", dir_fd=below)
     except OSError:
-        os.close(below)
+        system.close(below)
         if pass_closed:
             return None
         raise
@@ -163,7 +159,7 @@ def _enter(at: int, name: str, *, pass_closed: bool) -> int | None:
 
 def _entries(folder: int, alive: Alive) -> list[FolderEntry]:
     found: list[FolderEntry] = []
-    with os.scandir(folder) as listed:
+    with system.scandir(folder) as listed:
         for number, entry in enumerate(listed):
             if number % _SIGN_ENTRIES == 0:
                 alive()
@@ -181,24 +177,24 @@ def remove_folder(parent: int, name: str) -> None:
 
     Raises OSError, and DiskError where one of its folders was moved meanwhile.
     """
-    at, above, names = os.open(name, _FOLDER, dir_fd=parent), list[os.stat_result](), [name]
+    at, above, names = system.open(name, _FOLDER, dir_fd=parent), list[os.stat_result](), [name]
     try:
         ahead = [_remove_files(at)]
         while True:
             if ahead[-1]:
                 names.append(ahead[-1].pop())
-                above.append(os.fstat(at))
-                at = _leave(at, os.open(names[-1], _FOLDER, dir_fd=at))
+                above.append(system.fstat(at))
+                at = _leave(at, system.open(names[-1], _FOLDER, dir_fd=at))
                 ahead.append(_remove_files(at))
                 continue
             ahead.pop()
             if not ahead:
                 break
             at = _leave(at, _find_above(at, above.pop()))
-            os.rmdir(names.pop(), dir_fd=at)
+            system.rmdir(names.pop(), dir_fd=at)
     finally:
-        os.close(at)
-    os.rmdir(name, dir_fd=parent)
+        system.close(at)
+    system.rmdir(name, dir_fd=parent)
 
 
 def _remove_files(folder: int) -> list[str]:
@@ -206,7 +202,7 @@ def _remove_files(folder: int) -> list[str]:
     entries = _entries(folder, lambda: None)
     for entry in entries:
         if entry.kind != "folder":
-            os.unlink(entry.name, dir_fd=folder)
+            system.unlink(entry.name, dir_fd=folder)
     return [entry.name for entry in entries if entry.kind == "folder"]
 
 
@@ -217,8 +213,8 @@ def open_inner_folder(folder: int, name: str) -> Iterator[int]:
     with ExitStack() as held:
         at = folder
         for part in name.split("/") if name else ():
-            at = os.open(part, WAY, dir_fd=at)
-            held.callback(os.close, at)
+            at = system.open(part, WAY, dir_fd=at)
+            held.callback(system.close, at)
         yield at
 
 
@@ -231,15 +227,15 @@ def open_inner_file(folder: int, name: str) -> Iterator[int]:
     above, _, last = name.rpartition("/")
     with ExitStack() as held:
         at = held.enter_context(open_inner_folder(folder, above))
-        found = os.open(last, os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=at)
-        held.callback(os.close, found)
-        mode = os.fstat(found).st_mode
+        found = system.open(last, system.O_PATH | system.O_NOFOLLOW | system.O_CLOEXEC, dir_fd=at)
+        held.callback(system.close, found)
+        mode = system.fstat(found).st_mode
         if not stat.S_ISREG(mode):
             raise DecodeError(f"it is a {kind_of(mode)}, no file")
         # What is opened is what was looked at: a name may have come to mean something else.
-        flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
-        descriptor = os.open(path_of(found), flags)
-        held.callback(os.close, descriptor)
+        flags = system.O_RDONLY | system.O_NONBLOCK | system.O_CLOEXEC
+        descriptor = system.open(path_of(found), flags)
+        held.callback(system.close, descriptor)
         yield descriptor
 
 

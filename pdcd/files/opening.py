@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
+from pdcd.files.system import system
 
-_READ = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
-_LOOK = os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC
+_READ = system.O_RDONLY | system.O_NONBLOCK | system.O_CLOEXEC | system.O_NOCTTY
+_LOOK = system.O_PATH | system.O_NOFOLLOW | system.O_CLOEXEC
 
 READ_CHUNK_BYTES = 2**20
 """Read at a time."""
@@ -71,8 +72,8 @@ def open_own(path: Path | str) -> int:
     The caller closes it. Raises Unsound.
     """
     try:
-        check_regular(os.stat(path))  # noqa: PTH116 - a pathlib call would have to guess our path
-        descriptor = os.open(path, _READ)
+        check_regular(system.stat(path))
+        descriptor = system.open(path, _READ)
     except (OSError, ValueError) as err:
         raise make_file_error(err) from err
     return _sure(descriptor)
@@ -92,20 +93,20 @@ def open_beneath(folder: Path, name: str, asker: Asker) -> int:
         )
     try:
         way = [*folder.resolve(strict=True).parts, *parts]
-        at = os.open(way[0], _LOOK)
+        at = system.open(way[0], _LOOK)
         try:
             for part in way[1:]:
-                _check_passage(os.fstat(at), asker)
-                following = os.open(part, _LOOK, dir_fd=at)
-                os.close(at)
+                _check_passage(system.fstat(at), asker)
+                following = system.open(part, _LOOK, dir_fd=at)
+                system.close(at)
                 at = following
-                found = os.fstat(at)
+                found = system.fstat(at)
             check_regular(found)
             if not asker.may(found, 4):
                 raise PermissionError(0, "you may not read it")
             descriptor = _reopened(at)
         finally:
-            os.close(at)
+            system.close(at)
     except (OSError, ValueError, RuntimeError) as err:
         raise make_file_error(err) from err
     return _sure(descriptor)
@@ -113,7 +114,7 @@ def open_beneath(folder: Path, name: str, asker: Asker) -> int:
 
 def _reopened(looked_at: int) -> int:
     """A descriptor to read from, of the very file that was looked at."""
-    return os.open(f"/proc/self/fd/{looked_at}", _READ)
+    return system.open(f"/proc/self/fd/{looked_at}", _READ)
 
 
 def _check_passage(found: os.stat_result, asker: Asker) -> None:
@@ -135,9 +136,9 @@ def check_regular(found: os.stat_result) -> None:
 def _sure(descriptor: int) -> int:
     """The descriptor, if it still is of a regular file: names can change between two looks."""
     try:
-        check_regular(os.fstat(descriptor))
+        check_regular(system.fstat(descriptor))
     except BaseException:
-        os.close(descriptor)
+        system.close(descriptor)
         raise
     return descriptor
 
@@ -252,7 +253,7 @@ def _in_memory(name: str, content: NDArray[Any] | bytes) -> int:
             else:
                 np.save(stream, content, allow_pickle=False)
     except BaseException as err:
-        os.close(descriptor)
+        system.close(descriptor)
         if isinstance(err, ValueError):
             raise RequestError(f"{name} is no array of numbers: {err}") from err
         raise

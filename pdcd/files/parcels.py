@@ -5,7 +5,6 @@ What was packed cannot be changed by either side any more: who looks needs no co
 
 from __future__ import annotations
 
-import fcntl
 import mmap
 import os
 from collections.abc import Iterable, Mapping
@@ -33,6 +32,8 @@ Place = tuple[str, tuple[int, ...], int]
 def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> tuple[int, dict[str, Place]]:
     """A descriptor of memory that holds the arrays, which the caller closes, and where each lies.
     Raises OSError where there is no memory for them."""
+    import fcntl  # which Windows lacks, where nothing is packed
+
     places: dict[str, Place] = {}
     size = 0
     for name, array in arrays.items():

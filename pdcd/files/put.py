@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from pdcd.errors import RequestError, disk_errors
+from pdcd.files.system import system
 
 
 def replace_file(path: Path, data: bytes) -> None:
@@ -16,13 +17,13 @@ def replace_file(path: Path, data: bytes) -> None:
     Raises NoSpaceError, and DiskError for any other refusal of the disk. No half of it is left.
     """
     with disk_errors(str(path)):
-        folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
+        folder = system.open(path.parent, system.O_PATH | system.O_DIRECTORY | system.O_CLOEXEC)
         try:
             write_atomic(
                 folder, path.name, data, replace=True, shown=str(path.parent), durable=False
             )
         finally:
-            os.close(folder)
+            system.close(folder)
 
 
 def write_atomic(
@@ -37,27 +38,27 @@ def write_atomic(
     DiskError for any other refusal of the disk. No half of a file is left.
     """
     unfinished = f".{name}.{secrets.token_hex(4)}"
-    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+    flags = system.O_WRONLY | system.O_CREAT | system.O_EXCL | system.O_NOFOLLOW | system.O_CLOEXEC
     with disk_errors(str(Path(shown) / name)):
-        descriptor = os.open(unfinished, flags, 0o644, dir_fd=folder)
+        descriptor = system.open(unfinished, flags, 0o644, dir_fd=folder)
         try:
             with os.fdopen(descriptor, "wb") as file:
                 file.write(data)
                 if durable:
                     file.flush()
-                    os.fsync(file.fileno())
+                    system.fsync(file.fileno())
             _name(folder, unfinished, name, replace=replace, shown=shown)
         finally:
             with suppress(FileNotFoundError):
-                os.unlink(unfinished, dir_fd=folder)
+                system.unlink(unfinished, dir_fd=folder)
         if durable:
-            os.fsync(folder)
+            system.fsync(folder)
 
 
 def check_name_free(folder: int, name: str, shown: str) -> None:
     """Raise RequestError when a folder has something of that name."""
     try:
-        os.stat(name, dir_fd=folder, follow_symlinks=False)
+        system.stat(name, dir_fd=folder, follow_symlinks=False)
     except FileNotFoundError:
         return
     raise RequestError(
@@ -70,10 +71,10 @@ def _name(folder: int, unfinished: str, name: str, *, replace: bool, shown: str)
     if not replace:
         try:
             # Unlike a rename, a link never takes the place of a file.
-            os.link(unfinished, name, src_dir_fd=folder, dst_dir_fd=folder)
+            system.link(unfinished, name, src_dir_fd=folder, dst_dir_fd=folder)
             return
         except FileExistsError:
             check_name_free(folder, name, shown)
         except OSError:  # a disk without hard links
             check_name_free(folder, name, shown)
-    os.rename(unfinished, name, src_dir_fd=folder, dst_dir_fd=folder)
+    system.rename(unfinished, name, src_dir_fd=folder, dst_dir_fd=folder)

@@ -21,6 +21,7 @@ from pdcd.files.opening import (
     make_file_error,
     open_own,
 )
+from pdcd.files.system import system
 from pdcd.printable import to_one_line
 
 HASH_CHUNK_BYTES = 2**22
@@ -48,7 +49,7 @@ def open_file(path: Path | str) -> Iterator[int]:
     try:
         yield descriptor
     finally:
-        os.close(descriptor)
+        system.close(descriptor)
 
 
 def read_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> bytes:
@@ -65,14 +66,14 @@ def read_descriptor(
     The size is looked at before anything is read. What the file grows by meanwhile is left out.
     """
     try:
-        found = os.fstat(descriptor)
+        found = system.fstat(descriptor)
         check_regular(found)
         size = found.st_size
         _check_size(size, most_bytes, hint)
         data = io.BytesIO()  # which gives its memory away, where a bytearray is copied
         while (done := data.tell()) < size:
             alive()
-            piece = os.pread(descriptor, min(READ_CHUNK_BYTES, size - done), done)
+            piece = system.pread(descriptor, min(READ_CHUNK_BYTES, size - done), done)
             if not piece:
                 raise UnsoundFileError(
                     "it became shorter while it was read", "let nobody write to it"
@@ -112,7 +113,7 @@ def hash_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> str:
 def hash_descriptor(descriptor: int, most_bytes: int, alive: Alive = _go_on) -> str:
     """The same of an open file."""
     try:
-        _check_size(os.fstat(descriptor).st_size, most_bytes)
+        _check_size(system.fstat(descriptor).st_size, most_bytes)
         return hash_open_file(descriptor, alive, most_bytes)[0]
     except OSError as err:
         raise make_file_error(err) from err

@@ -7,7 +7,6 @@ that belong to this user, or to root: others may have put anything there meanwhi
 
 from __future__ import annotations
 
-import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from pdcd.errors import ConfigError, PdcdError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.put import replace_file
 from pdcd.files.reading import read_file
+from pdcd.files.system import system
 from pdcd.files.text import encode_json
 
 _FILE = "elsewhere.json"
@@ -47,7 +47,7 @@ def list_noted_folders() -> tuple[list[Path], list[Path]]:
     for path in paths:
         with suppress(OSError, ValueError):
             if path.is_dir():
-                own = path.stat().st_uid in (0, os.geteuid())
+                own = path.stat().st_uid in (0, system.geteuid())
                 (ours if own else foreign).append(path)
     return ours, foreign
 

@@ -20,7 +20,6 @@ through descriptors (`pdcd.runs.place`): whatever becomes of the names meanwhile
 from __future__ import annotations
 
 import errno
-import fcntl
 import hashlib
 import logging
 import os
@@ -37,8 +36,9 @@ from numpy.typing import NDArray
 
 from pdcd.bench.calibration import format_digest_line
 from pdcd.errors import DecodeError, DiskError, NoSpaceError, PdcdError, disk_errors
-from pdcd.files.inside import open_folder, open_inner_file, path_of, read_inner_file
+from pdcd.files.inside import open_folder, open_inner_file, read_inner_file
 from pdcd.files.reading import hash_open_file
+from pdcd.files.system import locks, path_of
 from pdcd.files.text import encode_json
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import Patterns
@@ -110,7 +110,7 @@ class RunFolder:
             flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
             self._fd = os.open(hidden, flags, dir_fd=parent.fd)
             with suppress(OSError):  # a disk without locks: nobody is told that the run goes on
-                fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                locks.flock(self._fd, locks.LOCK_EX | locks.LOCK_NB)
             self._take(name, hidden)
             for below in self._below:
                 (self.path / below).mkdir()

@@ -19,6 +19,7 @@ import msgspec
 from pdcd.errors import DecodeError, disk_errors
 from pdcd.files.inside import open_inner_file, read_inner_file
 from pdcd.files.reading import hash_open_file
+from pdcd.files.system import system
 from pdcd.files.text import encode_json
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
@@ -214,7 +215,7 @@ def read_run_start(folder: int) -> tuple[RunStart, int]:
     Raises DecodeError when there is no such line within `MAX_FIRST_BYTES`, and OSError.
     """
     with open_inner_file(folder, LEDGER_FILE) as descriptor:
-        data = os.pread(descriptor, MAX_FIRST_BYTES, 0)
+        data = system.pread(descriptor, MAX_FIRST_BYTES, 0)
     line, newline, _ = data.partition(b"\n")
     found = _entries([line, b""]) if newline else []
     if not found or not isinstance(found[0], RunStart):

@@ -5,7 +5,6 @@ Whether a run is undamaged is not looked at: that takes reading all of it (`pdcd
 
 from __future__ import annotations
 
-import fcntl
 import os
 from typing import Any, Literal
 
@@ -13,6 +12,7 @@ import msgspec
 
 from pdcd.errors import DecodeError, make_error
 from pdcd.files.inside import open_inner_file, read_inner_file
+from pdcd.files.system import locks, system
 from pdcd.protocol.entry import RunEntry
 from pdcd.protocol.labels import MOST_TAGS
 from pdcd.runs.folder import LOG
@@ -132,12 +132,12 @@ def make_damaged_entry(bare: RunEntry, err: Exception) -> RunEntry:
 def is_being_filled(folder: int) -> bool | None:
     """Whether a run goes on in an open folder (see `RunFolder.create`); None: nobody can tell."""
     try:
-        fcntl.flock(folder, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        locks.flock(folder, locks.LOCK_SH | locks.LOCK_NB)
     except BlockingIOError:
         return True
     except OSError:  # a disk without locks
         return None
-    fcntl.flock(folder, fcntl.LOCK_UN)
+    locks.flock(folder, locks.LOCK_UN)
     return False
 
 
@@ -217,7 +217,7 @@ def _last_line(folder: int) -> tuple[_Last | None, int]:
     try:
         with open_inner_file(folder, LOG) as descriptor:
             size = os.fstat(descriptor).st_size
-            data = os.pread(descriptor, _TAIL_BYTES, max(0, size - _TAIL_BYTES))
+            data = system.pread(descriptor, _TAIL_BYTES, max(0, size - _TAIL_BYTES))
         lines = data.rsplit(b"\n", 2)
         return msgspec.json.decode(lines[-2], type=_Last), len(data)
     except (OSError, DecodeError, ValueError, RecursionError, IndexError):

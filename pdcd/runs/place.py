@@ -15,7 +15,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pdcd.errors import PdcdError, RequestError, disk_errors
-from pdcd.files.inside import WAY, path_of
+from pdcd.files.inside import WAY
+from pdcd.files.system import path_of, real_path_of, system
 from pdcd.runs.manifest import MANIFEST
 
 UNFINISHED = ".partial"
@@ -64,13 +65,13 @@ class HeldFolder:
         """
         with disk_errors(str(root)):
             root.mkdir(parents=True, exist_ok=True)
-            top = os.open(root, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
-            info = os.fstat(top)
+            top = system.open(root, system.O_PATH | system.O_DIRECTORY | system.O_CLOEXEC)
+            info = system.fstat(top)
         with _typed(out):
             try:
                 parts = _parts_below(root, out)
             except BaseException:
-                os.close(top)
+                system.close(top)
                 raise
             return cls._made(top, parts, (info.st_dev, info.st_ino), make=make)
 
@@ -82,7 +83,7 @@ class HeldFolder:
         """
         with _typed(str(path)):
             real = path.resolve()
-            return cls._made(os.open("/", WAY), real.parts[1:], None, make=True)
+            return cls._made(system.open(real.anchor, WAY), real.parts[1:], None, make=True)
 
     @classmethod
     def _made(
@@ -91,10 +92,10 @@ class HeldFolder:
         """The place that the parts lead to from a folder, which is closed."""
         way = _descended(top, parts, make=make)
         try:
-            flags = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
-            place = cls(os.open(".", flags, dir_fd=way), bound)
+            flags = system.O_RDONLY | system.O_DIRECTORY | system.O_CLOEXEC
+            place = cls(system.open(".", flags, dir_fd=way), bound)
         finally:
-            os.close(way)
+            system.close(way)
         try:
             place.check()
         except BaseException:
@@ -117,26 +118,26 @@ class HeldFolder:
     @property
     def real(self) -> Path:
         """Where the folder is now; for people, and for results."""
-        return self.path.readlink()
+        return real_path_of(self.fd)
 
     def check(self) -> None:
         """Raise RequestError unless the folder is still there, in bounds, and in no other run."""
-        if not os.fstat(self.fd).st_nlink:
+        if not system.fstat(self.fd).st_nlink:
             raise _refused(f"the folder was removed: {self.real}")
-        at = os.open(".", WAY, dir_fd=self.fd)
+        at = system.open(".", WAY, dir_fd=self.fd)
         try:
             while True:
                 _refuse_run(at)
-                here = os.fstat(at)
+                here = system.fstat(at)
                 if (here.st_dev, here.st_ino) == self._bound:
                     return
-                above = os.open("..", WAY, dir_fd=at)
-                os.close(at)
+                above = system.open("..", WAY, dir_fd=at)
+                system.close(at)
                 at = above
-                if os.path.samestat(here, os.fstat(at)):
+                if os.path.samestat(here, system.fstat(at)):
                     break
         finally:
-            os.close(at)
+            system.close(at)
         if self._bound is not None:
             raise _refused(f"the folder was moved out of the daemon's state folder: {self.real}")
 
@@ -144,7 +145,7 @@ class HeldFolder:
         """Let go of the folder. Idempotent."""
         fd, self._fd = self._fd, None
         if fd is not None:
-            os.close(fd)
+            system.close(fd)
 
     def __enter__(self) -> HeldFolder:
         return self
@@ -177,7 +178,7 @@ def _descended(at: int, parts: tuple[str, ...], *, make: bool) -> int:
         for number, name in enumerate(parts):
             _refuse_run(at)
             try:
-                below = os.open(name, WAY, dir_fd=at)
+                below = system.open(name, WAY, dir_fd=at)
             except FileNotFoundError:
                 taken = next(filter(_JOB_NAME.fullmatch, parts[number:]), None)
                 if taken is not None:
@@ -185,12 +186,12 @@ def _descended(at: int, parts: tuple[str, ...], *, make: bool) -> int:
                 if not make:
                     break
                 with suppress(FileExistsError):
-                    os.mkdir(name, dir_fd=at)
-                below = os.open(name, WAY, dir_fd=at)
-            os.close(at)
+                    system.mkdir(name, dir_fd=at)
+                below = system.open(name, WAY, dir_fd=at)
+            system.close(at)
             at = below
     except BaseException:
-        os.close(at)
+        system.close(at)
         raise
     return at
 
@@ -206,9 +207,9 @@ def _refuse_names(parts: tuple[str, ...]) -> None:
 
 def _refuse_run(folder: int) -> None:
     """Raise RequestError when an open folder is a run, finished or not."""
-    name = path_of(folder).readlink().name
+    name = real_path_of(folder).name
     try:
-        os.stat(MANIFEST, dir_fd=folder, follow_symlinks=False)
+        system.stat(MANIFEST, dir_fd=folder, follow_symlinks=False)
     except FileNotFoundError:
         if not name.endswith(UNFINISHED):
             return

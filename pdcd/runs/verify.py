@@ -24,10 +24,10 @@ from pdcd.files.inside import (
     list_folder,
     open_folder,
     open_inner_file,
-    path_of,
     read_inner_file,
 )
 from pdcd.files.reading import hash_open_file
+from pdcd.files.system import path_of
 from pdcd.printable import to_one_line
 from pdcd.protocol.result import quality_of
 from pdcd.runs.folder import LOG, is_made_later

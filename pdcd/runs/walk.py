@@ -16,6 +16,7 @@ from typing import NamedTuple
 from pdcd.bench.choosing import CALIBRATIONS_FOLDER as CALIBRATIONS
 from pdcd.errors import DiskError, RequestError
 from pdcd.files.inside import WAY
+from pdcd.files.system import system
 
 DEPTH = 3
 """Folders below the one given in which runs are looked for: `captures`, and what `out` named."""
@@ -30,7 +31,7 @@ _RUN = re.compile(
     r"(\d{8}T\d{6}Z-[0-9a-f]{4})"
     r"((?:-partial)?(?:(?:-decoded-\d{1,4})?\.partial)?(?:\.removed)?)"
 )
-_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+_FOLDER = system.O_RDONLY | system.O_DIRECTORY | system.O_NOFOLLOW | system.O_CLOEXEC
 
 
 class RunSpot(NamedTuple):
@@ -108,7 +109,7 @@ def _walked(top: int, owners: frozenset[int], depth: int) -> Walk:
     while waiting and left >= 0:
         place = waiting.pop()
         try:
-            with _opened(top, place) as folder, os.scandir(folder) as entries:
+            with _opened(top, place) as folder, system.scandir(folder) as entries:
                 for entry in entries:
                     left -= 1
                     if left < 0:
@@ -137,12 +138,12 @@ def _walked(top: int, owners: frozenset[int], depth: int) -> Walk:
 @contextmanager
 def open_state_folder(state: Path) -> Iterator[tuple[int, frozenset[int]]]:
     """Descriptor of a state folder, and who may have runs in it. Raises OSError."""
-    top = os.open(state, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    top = system.open(state, system.O_RDONLY | system.O_DIRECTORY | system.O_CLOEXEC)
     try:
         # Whose folder it is makes the runs; root may have put them back from a copy.
-        yield top, frozenset({0, os.geteuid(), os.fstat(top).st_uid})
+        yield top, frozenset({0, system.geteuid(), system.fstat(top).st_uid})
     finally:
-        os.close(top)
+        system.close(top)
 
 
 @contextmanager
@@ -152,7 +153,7 @@ def open_run_folder(top: int, path: str, owners: frozenset[int]) -> Iterator[int
     Its owner is looked at again: a name may have come to mean something else.
     """
     with _opened(top, path) as folder:
-        if os.fstat(folder).st_uid not in owners:
+        if system.fstat(folder).st_uid not in owners:
             raise PermissionError(0, "it belongs to somebody else")
         yield folder
 
@@ -164,8 +165,8 @@ def _opened(top: int, path: str) -> Iterator[int]:
         at, parts = top, path.split("/") if path else []
         for number, part in enumerate(parts):
             last = number + 1 == len(parts)
-            at = os.open(part, _FOLDER if last else WAY, dir_fd=at)
-            held.callback(os.close, at)
+            at = system.open(part, _FOLDER if last else WAY, dir_fd=at)
+            held.callback(system.close, at)
         yield at
 
 

@@ -329,7 +329,7 @@ def test_memory_is_bounded_for_good(
     limit: int, hard: int, most: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[object] = []
-    monkeypatch.setattr(child_module, "resource", SimpleNamespace(
+    monkeypatch.setitem(sys.modules, "resource", SimpleNamespace(
         RLIMIT_DATA=2, RLIM_INFINITY=-1, getrlimit=lambda which: (7, hard),
         setrlimit=lambda which, pair: seen.append((which, pair)),
     ))  # fmt: skip

@@ -24,7 +24,7 @@ WORDS = re.compile(rf"\b(open|encode|{'|'.join(READERS)})\(")
 """What a file holds that is worth being taken apart."""
 
 OWN = {
-    "pdcd/bench/choosing.py: os.open": "folders, to lock them",
+    "pdcd/bench/choosing.py: system.open": "folders, to lock them",
     "pdcd/bench/reading.py: source.open": "the configuration as a pipe, by who starts the program",
     "pdcd/capture/keeping.py: shutil.copyfile": "from one folder of its own to another, both open",
     "pdcd/cli/starting.py: log.open": "the log of a child, in a folder of its own",
@@ -36,9 +36,9 @@ OWN = {
     "pdcd/pictures/written/export.py: read_bytes": "a scratch file that was written just now",
     "pdcd/runs/folder.py: os.open": "the run's own folder, and its files to be written through",
     "pdcd/runs/patterns.py: ZipFile": "of an open file",
-    "pdcd/runs/place.py: os.open": "folders, one part of the way after the other",
+    "pdcd/runs/place.py: system.open": "folders, one part of the way after the other",
     "pdcd/runs/provenance.py: read_text": "the commit of the program",
-    "pdcd/runs/walk.py: os.open": "folders, through no link",
+    "pdcd/runs/walk.py: system.open": "folders, through no link",
     "pdcd/server/lock.py: os.open": "a lock: no link, without waiting, and looked at",
     "pdcd/setup/files.py: read_text": "a template of the program",
     "pdcd/setup/files.py: path.read_bytes": "what would be overwritten, by who starts the program",
@@ -98,7 +98,10 @@ def is_read(call: ast.Call) -> bool:
         modes = [a.value for a in call.args if isinstance(a, ast.Constant)]
         modes += [k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)]
         written = [m for m in map(str, modes) if m and set(m) <= set("rwxabt+")]
-        if owner in ("os", "io", "") or {k.arg for k in call.keywords} & {"newline", "encoding"}:
+        if owner in ("os", "system", "io", "") or {k.arg for k in call.keywords} & {
+            "newline",
+            "encoding",
+        }:
             return not written or written[0][0] == "r"
         plain = not call.args and owner.lower().endswith(("path", "file", "source", "folder"))
         return plain or bool(written and written[0][0] == "r")
@@ -125,6 +128,7 @@ def test_json_that_leaves_the_program_is_written_in_one_room() -> None:
 def test_the_search_finds_what_it_is_to_find() -> None:
     for text, told in (
         ("open(x)", True), ("path.open()", True), ("p.open('rb')", True), ("os.open(p, f)", True),
+        ("system.open(p, f)", True),
         ("x.open(newline='')", True), ("p.open('xb')", False), ("camera.open('shutter')", False),
         ("shutter.open()", False), ("np.load(p)", True), ("rig.load(p)", False),
         ("rawpy.imread(p)", True),
