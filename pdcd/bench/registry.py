@@ -191,7 +191,12 @@ def _distribution(point: EntryPoint) -> str:
 def _remedy(error: BaseException) -> str:
     """What to do about a driver that does not import."""
     # Most drivers do import, and need nothing of it.
-    from pdcd.extras import OPTIONAL, suggest_install
+    from pdcd.extras import OPTIONAL, explain_missing, suggest_install
 
-    package = error.name if isinstance(error, ModuleNotFoundError) else None
-    return suggest_install(package) if package in OPTIONAL else "install what it needs"
+    if isinstance(error, ModuleNotFoundError):
+        missing = explain_missing(error)
+        if missing is not None:
+            return str(missing.hint)
+        if error.name in OPTIONAL:
+            return suggest_install(error.name)
+    return "install what it needs"

@@ -20,10 +20,15 @@ from pdcd.cli.streams import (
     write_stdout,
 )
 from pdcd.errors import PdcdError, to_error_fields, to_typed_error
+from pdcd.files.system import require_linux
 from pdcd.printable import to_indented_lines, write_stderr
 
 _JOBS = ("capture", "transport", "calibrate")
 """Commands that have one job done, and print how it ended."""
+_READERS = (
+    "runs", "decode", "verify", "export", "report", "row", "snr", "version", "completion", "man",
+)  # fmt: skip
+"""Commands that need no bench, and so no Linux, either."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,9 +49,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     try:
+        if args.command not in _READERS:
+            require_linux(f"pdcd {args.command}")
         code = _command(args)(args)
         write_stdout("")
         return code
+    except ModuleNotFoundError as err:
+        from pdcd.extras import explain_missing
+
+        missing = explain_missing(err)
+        if missing is None:
+            raise
+        return _fail(args, exit_code_of(missing.kind), str(missing), missing.kind, missing)
     except PdcdError as err:
         return _fail(args, exit_code_of(err.kind), str(err), err.kind, err)
     except KeyboardInterrupt:

@@ -22,6 +22,7 @@ from pdcd.child import (
     start_child,
 )
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
+from pdcd.extras import require_bench
 from pdcd.panels.frames import BLACK, Frames
 from pdcd.panels.pixels import PanelImage
 from pdcd.presenter.messages import (
@@ -89,6 +90,7 @@ class DisplayProcess:
         alive: Callable[[], object] = lambda: None,
         look: Callable[[], object] | None = None,
     ) -> None:
+        require_bench("glfw", "moderngl")
         self._child = start_child(_COMMAND, REPLIES, what="the display process", error=_lost)
         self._line = self._child.line
         self._pulse = look or alive

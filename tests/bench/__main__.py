@@ -26,6 +26,7 @@ from tests.bench import (
     report,
     three_benches,
     throughput,
+    weight,
 )
 from tests.bench import hard_cases as hard
 from tests.bench import whole_capture as capture
@@ -48,6 +49,7 @@ SECTIONS: tuple[Callable[..., Section], ...] = (
     planes.run,
     calibrating.run,
     presenter.section,
+    weight.run,
     hard.run,
 )
 

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from pdcd import extras
-from pdcd.extras import OPTIONAL, TARGETS, suggest_install
+from pdcd.errors import DriverUnavailable
+from pdcd.extras import BENCH, OPTIONAL, TARGETS, WITH_BENCH, require_bench, suggest_install
 from tests.places import ROOT
 
 OTHERS = re.compile(r"pip install ['\"]?pdcd|['\"`]pdcd\[|pdcd\[(?:dev|web|plots|cluster|gphoto2)")
@@ -79,8 +80,21 @@ def test_every_package_that_may_be_missing_is_in_an_extra() -> None:
     wanted = project["optional-dependencies"]
     for ours in ("dev", "oracles"):  # the tests alone want these
         wanted.pop(ours)
+    of_bench = {re.split(r"[><=]", line)[0] for line in wanted.pop("bench")}
+    assert of_bench == set(BENCH.values()) and WITH_BENCH == f"{project['name']}[bench]"
     named = {re.split(r"[><=]", line)[0] for lines in wanted.values() for line in lines}
     assert named == set(OPTIONAL) and set(TARGETS) <= named
+
+
+def test_who_lacks_what_a_bench_needs_is_told_which_and_how_to_get_it(elsewhere: Path) -> None:
+    require_bench("json")  # which is no matter of extras
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("importlib.util.find_spec", lambda name: None if name == "usb" else object())
+        with pytest.raises(DriverUnavailable, match="pyusb") as caught:
+            require_bench("serial", "usb")
+    assert caught.value.hint == (
+        f"'{elsewhere}/bin/python' -m pip install 'primal-dual-coding[bench]'"
+    )
 
 
 @pytest.mark.long

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 import sysconfig
 import zipfile
 from pathlib import Path
@@ -17,6 +14,7 @@ from pdcd.bench.registry import DRIVERS
 from pdcd.version import __version__
 from tests.places import ROOT
 from tests.tools import find
+from tests.wheels import find_base_python, install_wheel, make_distribution, run
 
 pytestmark = pytest.mark.long
 
@@ -34,43 +32,18 @@ grid = [6, 8]
 """A virtual camera at the end of the USB: its shutter has a guardian, which is started by name."""
 
 
-def run(*command: str | Path, folder: Path) -> str:
-    """What a program says, called as by a user: in a folder of their own."""
-    kept = {k: v for k, v in os.environ.items() if k in ("PATH", "LANG", "TMPDIR")}
-    done = subprocess.run(
-        [*map(str, command)],
-        cwd=folder,
-        env={**kept, "HOME": str(folder)},
-        capture_output=True,
-        text=True,
-        timeout=170,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("wheel")
-    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, folder=ROOT)
-    (made,) = folder.glob("*.whl")
-    return made
+    return make_distribution("wheel", tmp_path_factory.mktemp("wheel"))
 
 
 @pytest.fixture(scope="module")
 def pdcd(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The command of an environment that has the wheel, what it needs, and somebody's `drivers`."""
     folder = tmp_path_factory.mktemp("bare")
-    base = getattr(sys, "_base_executable", sys.executable)
-    asked = subprocess.run([base, "-m", "pip", "--version"], capture_output=True, check=False)
-    if asked.returncode:
-        pytest.skip(f"{base} has no pip to install a wheel with")
-    run(base, "-m", "venv", "--without-pip", folder / "env", folder=folder)
-    python = folder / "env" / "bin" / "python"
-    options = ("--no-deps", "--no-index", "--disable-pip-version-check")
-    run(base, "-m", "pip", "--python", python, "install", *options, wheel, folder=folder)
-    (packages,) = (folder / "env" / "lib").glob("python3*/site-packages")
+    if find_base_python() is None:
+        pytest.skip("no pip to install a wheel with")
+    packages = install_wheel(wheel, folder)
     assert not (packages / "drivers").exists()
     (packages / "drivers").mkdir()
     (packages / "drivers" / "__init__.py").write_text("raise RuntimeError('of somebody else')")
