@@ -4,7 +4,7 @@
 # make test-slow: whole captures with photos of a 450D's size, by three drivers; minutes.
 # make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
 # make test-docs: README, tutorial and installation in bare Debians, where there is debootstrap, too.
-.PHONY: demo web notebook test test-whole test-long test-slow test-systemd test-docs lint bench soak mutants goldens strangers api clean
+.PHONY: demo web notebook test test-whole test-long test-slow test-systemd test-docs lint bench soak mutants goldens strangers api constraints clean
 
 # Processes start often here; each would compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -110,6 +110,12 @@ strangers: OUT = strangers
 strangers:
 	@.ci/setup dev
 	OMP_NUM_THREADS=1 nice .venv/bin/python -m tests.strangers --count $(COUNT) --seed $(SEED) --out $(OUT)
+
+# The packages that .venv has now, for who wants just those: a release keeps what it was tested with.
+constraints:
+	@.ci/setup dev
+	@{ sed '/^[^#]/d' constraints.txt; python3 -m pip --python .venv/bin/python freeze --exclude-editable \
+	    --disable-pip-version-check; } >constraints.new && mv constraints.new constraints.txt
 
 clean:
 	rm -rf .venv api demo mutants .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

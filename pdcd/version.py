@@ -1,3 +1,3 @@
 """The version of the program; it lies here so that no room has to import the package's own door."""
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
