@@ -211,6 +211,6 @@ def test_a_user_whom_no_table_names_is_told_by_number(monkeypatch: pytest.Monkey
         raise KeyError(uid)
 
     known = describe_owner()
-    monkeypatch.setattr("pdcd.api.local.pwd.getpwuid", none)
+    monkeypatch.setattr("pwd.getpwuid", none)
     bare = describe_owner()
     assert (bare.uid, bare.pid, bare.user) == (known.uid, known.pid, str(known.uid))

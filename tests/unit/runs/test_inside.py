@@ -17,10 +17,10 @@ from pdcd.files.inside import (
     list_folder,
     open_folder,
     open_inner_file,
-    path_of,
     read_inner_file,
 )
 from pdcd.files.reading import hash_open_file
+from pdcd.files.system import path_of
 from pdcd.protocol import events
 from pdcd.runs import manifest, provenance
 
