@@ -167,10 +167,9 @@ def _import(role: str, name: str, target: str) -> _DriverClass:
         raise
     # A driver's module may fail in any way its vendor's library finds; that costs this driver only.
     except BaseException as err:
+        why, remedy = _explain_failure(module_name, err)
         raise DriverUnavailable(
-            f"driver {name!r}: {module_name} does not import: {type(err).__name__}: {err}",
-            device=role,
-            hint=f"{_remedy(err)}, or choose another driver",
+            f"driver {name!r}: {why}", device=role, hint=f"{remedy}, or choose another driver"
         ) from err
     found = getattr(module, class_name, None)
     missing = [part for part in ("create", "maturity") if not hasattr(found, part)]
@@ -188,15 +187,16 @@ def _distribution(point: EntryPoint) -> str:
     return point.dist.name if point.dist is not None else "unknown"
 
 
-def _remedy(error: BaseException) -> str:
-    """What to do about a driver that does not import."""
+def _explain_failure(module: str, error: BaseException) -> tuple[str, str]:
+    """Why a driver's module does not import, and what to do about it."""
     # Most drivers do import, and need nothing of it.
     from pdcd.extras import OPTIONAL, explain_missing, suggest_install
 
+    why, remedy = f"{module} does not import: {type(error).__name__}: {error}", None
     if isinstance(error, ModuleNotFoundError):
         missing = explain_missing(error)
         if missing is not None:
-            return str(missing.hint)
-        if error.name in OPTIONAL:
-            return suggest_install(error.name)
-    return "install what it needs"
+            why, remedy = missing.message, missing.hint
+        elif error.name in OPTIONAL:
+            remedy = suggest_install(error.name)
+    return why, remedy or "install what it needs"
