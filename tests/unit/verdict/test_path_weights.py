@@ -83,7 +83,7 @@ def test_cells_of_a_photo_of_direct_light_alone_get_equal_weights_and_others_nee
 
     def errors(*parts: tuple[float, MatrixPart]) -> dict[str, float]:
         photo = RecipePhoto("p", WantedMatrix(GRID, parts), ((1.0, "a"),))
-        return compute_direct_weight_errors([photo], shots, "mean")
+        return compute_direct_weight_errors([photo], shots, "scalar")
 
     own = realised.coaxial
     found = errors((1.0, MatchPart(np.arange(N))))
