@@ -33,9 +33,9 @@ from .simulator import HostedSimulator
 
 logger = logging.getLogger(__name__)
 
-_LOOK_S, _IDLE_S = 0.001, 0.02
+_LOOK_S, _IDLE_S = 0.002, 0.02
 """How often registers are looked at, while frames may be wanted and while nobody wants any."""
-_QUIET = 300
+_QUIET = 150
 """After so many looks at which there was nothing, somebody computes, and is left to it."""
 _SEND_S = 5.0
 _WARM_CC = 4150

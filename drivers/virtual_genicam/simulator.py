@@ -23,8 +23,9 @@ _FILL = CFUNCTYPE(None, c_void_p, c_void_p, c_uint32, c_uint32, c_uint32)
 _PORT = 3956
 _XML_AT, _XML_URL, _XML_URL_BYTES = 0x10000, 0x200, 512
 """Where the simulator has the description, and where that is written."""
-_LOOKS_HZ = 1000.0
-"""How often the simulator looks whether it is to send a frame."""
+_LOOKS_HZ = 1e6 / 2080.0
+"""How often the simulator looks whether it is to send a frame. It waits in whole milliseconds and
+keeps a core busy for what is left of its time: so little that a wait, which is late, is over it."""
 
 
 class HostedSimulator:
