@@ -18,14 +18,13 @@ from pdcd.bench.tables import Config as Bench
 from pdcd.capture.engine import Engine
 from pdcd.errors import DeviceLost, PhotoError, SyncError
 from pdcd.files.images import decode_jpeg
-from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.picture import PictureWithErrors
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.protocol.stream import StreamedPicture, StreamRequest
 from pdcd.runs.recording import RecordOrder, StreamListener
 from pdcd.runs.verify import verify_run
 from tests import bench_rig
+from tests.stream_bench.recorded import decode_parts
 
 GRID = (12, 16)
 
@@ -97,14 +96,6 @@ def is_safe(engine: Engine) -> bool:
     return bench.panels_black and not bench.shutter_open
 
 
-def decode_part(run: Run, parts: set[int]) -> PictureWithErrors:
-    """What a run of these parts alone would show, of the photos that it has."""
-    record, recipe = run.manifest.run, Darkroom(run.folder, run.manifest.run).recipe
-    wanted = {shot.name for shot in recipe.shots if not shot.part or shot.part in parts}
-    shots = tuple(shot for shot in record.shots if shot.name in wanted)
-    return Darkroom(run.folder, msgspec.structs.replace(record, shots=shots)).decoded().answer
-
-
 def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
@@ -136,7 +127,7 @@ def test_each_picture_is_that_of_its_photo_alone_and_sigma_is_its_error(
     for part, seen in viewer.newest.items():
         if goal == "direct" and part != last:  # its white photo was taken again since
             continue
-        alone = decode_part(run, {part})
+        alone = decode_parts(run, {part}).answer
         np.testing.assert_allclose(seen.arrays["picture"], alone.image, rtol=0, atol=1e-9)
         error, sigma = seen.arrays["image"] - truth, seen.arrays["sigma"]
         known = np.isfinite(sigma) & np.isfinite(error)
