@@ -25,6 +25,7 @@ from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.exposed import AmbientLight, ExposedShot, RawShot, refuse_unlike
 from pdcd.pictures.leaks import DarkPhotoLight, ShotMeans
 from pdcd.pictures.learn import PilotFindings, learn_paths
+from pdcd.pictures.repeated import RepeatedMatrices
 from pdcd.pictures.software import sum_stack_matrices, sum_stack_shots
 from pdcd.pictures.to_cells import average_shot, unmix_cells
 from pdcd.pictures.upright import FieldView, place_quads
@@ -98,6 +99,7 @@ class Darkroom:
 
     def replan(self, record: RunRecord) -> None:
         """The run goes on by another plan: its codes are read anew, shots stay as they are."""
+        self._repeated = RepeatedMatrices(record.projector, record.mask)
         self._record = record
         self._stored = read_patterns(self._folder)
         arrays = {k[5:]: array for k, array in self._stored.items() if k.startswith("goal.")}
@@ -124,7 +126,9 @@ class Darkroom:
         frames, log : as frames.csv would give them back
         (`pdcd.runs.frame_table.restore_frames`). Raises DecodeError.
         """
-        raw, realised = self._read(shot), self._realise(shot, frames, log)
+        raw, repeated = self._read(shot), self._repeated
+        realised = repeated.find(shot, frames, log) or self._realise(shot, frames, log)
+        repeated.keep(shot, frames, log, realised)
         exposed = self._develop(shot, raw, realised)
         shots = {one.name: one for one in self._record.shots} | {shot.name: shot}
         self._record = msgspec.structs.replace(self._record, shots=tuple(shots.values()))
