@@ -18,6 +18,7 @@ from tests import world
 from tests.bench.report import write_soak
 from tests.soak.benches import BENCHES
 from tests.soak.episode import Episode
+from tests.soak.page import LivePage
 from tests.soak.tally import Tally
 from tests.soak.wanted import requests
 
@@ -83,9 +84,14 @@ def main() -> int:
         ):
             ends_s = min(until_s, time.monotonic() + TURN_S)
             # Half of the turns on cores that others use as well.
-            with _busy(args.busy * (turn % 2)), _watched(bench.folder / "s", tally):
+            with (
+                _busy(args.busy * (turn % 2)),
+                _watched(bench.folder / "s", tally),
+                LivePage(bench.folder / "s", bench.state, tally) as page,
+            ):
                 while time.monotonic() < ends_s:
-                    Episode(bench, rng, tally, wanted, rng.choice(LIVES[name])).live(ends_s)
+                    photos = rng.choice(LIVES[name])
+                    Episode(bench, rng, tally, wanted, photos, page).live(ends_s)
             if args.keep is not None:
                 args.keep.mkdir(parents=True, exist_ok=True)
                 shutil.copy(bench.folder / "log", args.keep / f"{turn:03d}-{name}.log")

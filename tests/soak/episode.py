@@ -19,6 +19,7 @@ from tests.soak.attacks import ATTACKS, Attack
 from tests.soak.benches import Bench
 from tests.soak.daemons import Daemon
 from tests.soak.lapse import Lapse
+from tests.soak.page import LIVE_BENCHES, STOP_S, LivePage
 from tests.soak.tally import Row, Tally
 
 DARK_S, CLOSED_S = 1.0, 1.0
@@ -69,10 +70,16 @@ class Episode:
     """Runs one daemon on a bench for so many photos, or until an attack ends it."""
 
     def __init__(
-        self, bench: Bench, rng: Random, tally: Tally, wanted: list[CaptureRequest], photos: int
+        self,
+        bench: Bench,
+        rng: Random,
+        tally: Tally,
+        wanted: list[CaptureRequest],
+        photos: int,
+        page: LivePage,
     ) -> None:
         self._bench, self._rng, self._tally, self._wanted = bench, rng, tally, wanted
-        self._photos = photos
+        self._photos, self._page = photos, page
         self._calm = LONG_CALM if photos >= LONG else CALM
         self._attacks = [a for a in ATTACKS if self._fits(a)]
 
@@ -106,8 +113,10 @@ class Episode:
                 if taken % ROOM == 0:
                     self._folders()
                 if daemon.alive and taken == WARM:
+                    self._stop_picture(daemon)
                     before = processes.holdings(daemon.pid)
                     first_mib = processes.resident(daemon.pid)
+            self._stop_picture(daemon)
             if daemon.alive:
                 self._leaks(daemon, before)
                 if taken >= 5 * WARM:
@@ -123,7 +132,8 @@ class Episode:
         self._folders()
 
     def _round(self, daemon: Daemon) -> None:
-        """One photo, and perhaps an attack on it."""
+        """One photo, and perhaps an attack on it; the live picture of the page before and after."""
+        self._stop_picture(daemon)
         photo = Photographer(daemon, self._rng.choice(self._wanted))
         self._tally.captures += 1
         attack = None if self._rng.random() < self._calm else self._drawn()
@@ -147,6 +157,21 @@ class Episode:
             attack.after(daemon)
             self._made_safe(attack, row, daemon)
         self._tally.rss_mib = max(self._tally.rss_mib, processes.rss_mib(daemon.pid))
+        if daemon.alive and self._bench.name in LIVE_BENCHES:
+            live = self._page.watch_picture(self._rng.randint(1, 5))
+            self._promise(live or not daemon.alive, f"no live picture: {self._page.trouble}")
+
+    def _stop_picture(self, daemon: Daemon) -> None:
+        """Have the page close its live picture: the rig is free soon after."""
+        if not self._page.close_picture():
+            return
+        lapse = Lapse()
+        with suppress(PdcdError, UnreachableError, OSError), daemon.client() as client:
+            while client.status().state != "idle" and lapse.own_s < 3.0 * STOP_S:
+                time.sleep(0.005)
+            took_s = lapse.own_s
+            self._tally.stops_s.append(took_s)
+            self._promise(took_s <= STOP_S, f"a live picture held the rig for {took_s:.2f} s more")
 
     def _after_the_end(self, daemon: Daemon, attack: Attack, row: Row) -> None:
         self._made_safe(attack, row, daemon)

@@ -36,6 +36,14 @@ class Tally:
     rss_mib: float = 0.0
     growth: list[tuple[int, float]] = field(default_factory=list)
     """Captures of a daemon's life, and by how many MiB it grew over them."""
+    live_pictures: int = 0
+    """Pictures that the page saw of its streams."""
+    spoilt: int = 0
+    """Photos of these that were spoilt."""
+    stops_s: list[float] = field(default_factory=list)
+    """How long the rig was held after the page had closed its live picture."""
+    page_mib: list[tuple[float, float]] = field(default_factory=list)
+    """Resident memory of each server of a page, after its first live picture and in the end."""
     lapse: Lapse = field(default_factory=Lapse)
 
     def row(self, name: str) -> Row:
@@ -63,6 +71,9 @@ class Tally:
             ),
             ("largest resident memory, all processes of a daemon", f"{self.rss_mib:.0f} MiB"),
             ("growth of a daemon and of what lived as long, over 1000 captures", self._growth()),
+            ("live pictures on a page that was open throughout", self._pictures()),
+            ("the rig was free after the page closed them, p50 / p99 / max", self._stops()),
+            ("growth of the page's server", self._page()),
             ("hostile requests, by what they were answered", self._kinds()),
             ("broken promises", str(len(self.broken))),
         ]
@@ -79,11 +90,17 @@ class Tally:
         return "\n".join(lines + [f"- BROKEN: {what}" for what in self.broken]) + "\n"
 
     def _answers(self) -> str:
-        found = sorted(self.answers_s)
-        if not found:
-            return "not asked"
-        shares = (found[min(len(found) - 1, math.ceil(q * len(found)) - 1)] for q in (0.5, 0.99, 1))
-        return " / ".join(f"{1e3 * s:.0f} ms" for s in shares) + f", {len(found)} answers"
+        return _tell_shares(self.answers_s, "not asked", "answers")
+
+    def _pictures(self) -> str:
+        return f"{self.live_pictures}, and {self.spoilt} photos that were spoilt"
+
+    def _stops(self) -> str:
+        return _tell_shares(self.stops_s, "none was closed", "stops")
+
+    def _page(self) -> str:
+        grown = ", ".join(f"{last - first:.1f}" for first, last in self.page_mib if first)
+        return f"{grown} MiB" if grown else "not measured"
 
     def _kinds(self) -> str:
         return ", ".join(f"{kind} {count}" for kind, count in self.answers.most_common()) or "none"
@@ -93,3 +110,12 @@ class Tally:
         if not taken:
             return "not measured"
         return f"{1000.0 * sum(mib for _, mib in self.growth) / taken:.1f} MiB ({taken} captures)"
+
+
+def _tell_shares(seconds: list[float], none: str, what: str) -> str:
+    """Quantiles of times, and how many there are."""
+    found = sorted(seconds)
+    if not found:
+        return none
+    shares = (found[min(len(found) - 1, math.ceil(q * len(found)) - 1)] for q in (0.5, 0.99, 1))
+    return " / ".join(f"{1e3 * s:.0f} ms" for s in shares) + f", {len(found)} {what}"
