@@ -44,7 +44,7 @@ SIZES = {
 }
 """Pixels (columns, rows) and cells (rows, columns): small frames are for counting many
 pictures, and one pixel a cell for sums by hand."""
-ROW_HZ, PANEL_CELL_PX = 4000.0, 4
+ROW_HZ, PANEL_CELL_PX = 8000.0, 4
 MASK_SKEW_S, _JITTER_S = 2e-6, 2e-7
 """By how much the mask is late, and times of each DMD differ from exposure to exposure."""
 RING = 64
