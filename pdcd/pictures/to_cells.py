@@ -339,7 +339,11 @@ class QuadSample:
 
     def take(self, read: Callable[[slice], NDArray[np.floating]]) -> Floats:
         """What can be read of some rows of a frame, of these quads, (Q, C)."""
-        return np.asarray(read(self.rows)[:, self.columns][self.picked], dtype=np.float64)
+        values = read(self.rows)
+        row, column = np.nonzero(self.picked)
+        places = row * values.shape[1] + self.columns[column]
+        flat = values.reshape(-1, values.shape[2])
+        return np.asarray(flat.take(places, axis=0), dtype=np.float64)
 
     def sums(self, values: Floats, side: int = 1) -> Floats:
         """Sums of values (Q, C) over each cell and those around it, a square of `side`: (N, C)."""
