@@ -105,10 +105,11 @@ def measure_cancels(args: argparse.Namespace, recorded: RecordedStream) -> None:
 
             thread = threading.Thread(target=cancel)
             thread.start()
-            seen = first.set
-            result = stream(
-                engine, make_request(args.codes), lambda _, seen=seen: seen(), over.is_set
-            )
+
+            def see(_: StreamedPicture, first: threading.Event = first) -> None:
+                first.set()
+
+            result = stream(engine, make_request(args.codes), see, over.is_set)
             ended_s = time.monotonic()
             thread.join()
             assert result.state == "cancelled", result

@@ -202,7 +202,7 @@ class _Recorder:
         self._mirrors: MirrorTimes | None = None
         self._real = rig.expose, rig.readout.fetch, self._bench.quads
         rig.expose = self._expose  # type: ignore[method-assign]
-        rig.readout.fetch = self._fetch  # type: ignore[method-assign]
+        rig.readout.fetch = self._fetch  # type: ignore[method-assign,assignment]
         self._bench.quads = self._quads  # type: ignore[method-assign]
 
     def end(self) -> None:
@@ -284,4 +284,4 @@ class MirrorLight:
             ((samples, _),) = self._sensor.photos(self._iso, 1.0, 1)
         finally:
             del self._bench.quads
-        return samples
+        return np.asarray(samples, np.uint16)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pdcd.panels.patterns import Patterns
 from tests.stream_bench.recorded import (
     MASK_SKEW_S,
     MirrorLight,
@@ -22,11 +23,11 @@ from tests.stream_bench.recorded import (
 
 
 def list_moments(
-    patterns: NDArray[np.uint8], shown: NDArray[np.int32], at_ns: NDArray[np.int64], cells: int
+    patterns: Patterns, shown: NDArray[np.int32], at_ns: NDArray[np.int64], cells: int
 ) -> list[tuple[float, NDArray[np.float64]]]:
     """When a panel took each plane, in seconds, and how bright its cells were from then on."""
     dark, lit = np.zeros(cells), np.ones(cells)
-    planes = np.unpackbits(patterns, axis=1)[:, :cells].astype(np.float64)
+    planes = np.unpackbits(np.asarray(patterns, np.uint8), axis=1)[:, :cells].astype(np.float64)
     return [
         (1e-9 * at, dark if one == -1 else lit if one == -2 else planes[one])
         for at, one in zip(at_ns.tolist(), shown.tolist(), strict=True)
