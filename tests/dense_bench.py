@@ -8,6 +8,7 @@ used; maps are (their own tests hold them against OpenCV's formulas).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -254,7 +255,8 @@ class DenseBench:
             down, right = np.indices(seen.shape[:2])
             seen[..., 0] += ((down / one**2 + right / one) % 1.0 - 0.5) / self.samples
             seen[..., 1] += ((down / one + right / one**2) % 1.0 - 0.5) / self.samples
-        places = self.camera.to_field(seen.reshape(-1, 2))
+        # What lies on a border of cells or texels falls to one side of it, whatever is rounded.
+        places = self.camera.to_field(seen.reshape(-1, 2) + 1e-9)
         offsets = np.array([offset for offset, _ in self.taps])
         points = places[:, None] + offsets
         masks = self.mask.at(places + np.array(self.mask_seen_at))
@@ -290,15 +292,23 @@ class DenseBench:
             light += self.ambient * alone[before]
         return light
 
+    @cached_property
+    def _means(self) -> Floats:
+        """The mean of the texture over each cell, (N, 3)."""
+        (rows, cols), texels = self.grid, self.texture
+        assert texels is not None
+        height, width = texels.shape[:2]
+        assert height % rows == width % cols == 0
+        blocks = texels.reshape(rows, height // rows, cols, width // cols, 3)
+        return np.asarray(blocks.mean(axis=(1, 3)).reshape(-1, 3))
+
     def reflected(self, y: Floats, cells: Floats) -> Floats:
         """What cells (N, 3) send from a point of the field, (3,)."""
         rows, cols = self.grid
         if self.texture is None:
             return np.asarray(cells[int(y[1] * rows) * cols + int(y[0] * cols)])
         texels, (height, width) = self.texture, self.texture.shape[:2]
-        assert height % rows == width % cols == 0
-        means = texels.reshape(rows, height // rows, cols, width // cols, 3).mean(axis=(1, 3))
-        smooth = (cells / means.reshape(-1, 3)).reshape(rows, cols, 3)
+        smooth = (cells / self._means).reshape(rows, cols, 3)
         down = np.clip(y[1] * rows - 0.5, 0.0, rows - 1.0)
         across = np.clip(y[0] * cols - 0.5, 0.0, cols - 1.0)
         r, c = min(int(down), rows - 2), min(int(across), cols - 2)
