@@ -19,6 +19,7 @@ from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.picture import PictureWithErrors
 from pdcd.protocol.events import DecodingProgress as Step
 from pdcd.runs.record import RunRecord
+from pdcd.verdict.error_budget import ErrorRow, make_error_budget
 from pdcd.watch import Watch
 from pdcd.words import NormaliseName
 
@@ -55,10 +56,7 @@ def decode_again(
 
     Raises RequestError for a number of parts that the run does not have, and DecodeError.
     """
-    watch = Watch()
-    if on_event is not None:
-        heard = on_event
-        watch = Watch(step=lambda done, total: heard(Step(done=done, total=total)))
+    watch = _watch(on_event)
     with convert_record_errors(folder):
         record = msgspec.structs.replace(
             record,
@@ -69,6 +67,22 @@ def decode_again(
         if parts is not None:
             darkroom = Darkroom(folder, _first(darkroom, parts))
         return _told(darkroom.decoded(watch))
+
+
+def work_out_error_budget(
+    folder: Path, record: RunRecord, on_event: EventListener | None
+) -> tuple[ErrorRow, ...]:
+    """What the error of a run's answer comes from (`Run.error_budget`). Raises DecodeError."""
+    with convert_record_errors(folder):
+        darkroom = Darkroom(folder, record)
+        decoded = darkroom.decoded(_watch(on_event))
+        return make_error_budget(darkroom.record, decoded)
+
+
+def _watch(on_event: EventListener | None) -> Watch:
+    if on_event is None:
+        return Watch()
+    return Watch(step=lambda done, total: on_event(Step(done=done, total=total)))
 
 
 def _told(decoded: DecodedRun) -> DecodingResult:

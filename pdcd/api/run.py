@@ -32,6 +32,7 @@ from pdcd.words import NormaliseName, VerdictName
 if TYPE_CHECKING:
     from pdcd.api.decoding import DecodingResult
     from pdcd.pictures.row import MatrixRow
+    from pdcd.verdict.error_budget import ErrorRow
 
 
 _PANELS = ("primal", "dual")
@@ -256,6 +257,23 @@ class Run:
                 parts=parts,
                 on_event=on_event,
             )
+
+    def error_budget(self, progress: ProgressChoice = True) -> tuple[ErrorRow, ...]:
+        """What scale, stops, maps, timing, codes and noise contribute to the error of the picture
+        that was asked for; the last row is all of it. Each row has `.name`, `.share` of the
+        picture's RMS, `.rms` in scene units, and `.source`; share and rms are None where nobody
+        knows. The run is decoded anew for it, and nothing is written.
+
+        progress : as of a capture.
+        """
+        from pdcd.api.decoding import work_out_error_budget
+
+        self.manifest.require_photos()
+        for name in (CODES, FRAMES):
+            if name in self.manifest.files:
+                self.checked(name)
+        with show_progress(progress) as on_event:
+            return work_out_error_budget(self.folder, self.manifest.run, on_event)
 
     def report(self, out: Path | str | None = None) -> Path:
         """Write the page of the run, one file for a browser, and return where it is.

@@ -8,7 +8,8 @@ each quad; it is the same in all parts, whose differences alone are looked at.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -17,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
-from pdcd.bench.stops import stop_of
 from pdcd.pictures.combine import find_removed_direct, list_white_photos
 from pdcd.pictures.exposed import AmbientLight, ComputedShot, ExposedShot
 from pdcd.pictures.learn import PilotFindings
 from pdcd.pictures.photos import NO_SMOOTH_MODELS, fit_smooth_models, make_corrected_photos
 from pdcd.pictures.picture import (
+    ErrorCause,
     Errors,
     Picture,
     PictureWithErrors,
@@ -35,6 +36,7 @@ from pdcd.pictures.sigma import (
     estimate_photo_quad_errors,
     measure_error_bars,
 )
+from pdcd.pictures.stop_errors import with_stop_errors
 from pdcd.pictures.to_cells import (
     AveragedShots,
     are_all_quads_used,
@@ -45,16 +47,18 @@ from pdcd.pictures.to_cells import (
     find_seen_cells,
 )
 from pdcd.pictures.to_quads import spread_errors
-from pdcd.pictures.weights import RealisedShot, weigh_cells
+from pdcd.pictures.weights import weigh_cells
 from pdcd.recipes.parts import FEWEST_PARTS, list_parts, select_parts
-from pdcd.recipes.recipe import Extremes, Recipe
+from pdcd.recipes.recipe import Extremes, Recipe, RecipePhoto
 from pdcd.runs.record import RunRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
 if TYPE_CHECKING:
-    from pdcd.pictures.border_light import BorderMeasurement
+    from pdcd.pictures.border_light import BorderLight, BorderMeasurement
 
+_LOOKED_AT = 2**14
+"""Pixels of a picture by which its causes of error are told apart."""
 _Photos = Callable[[Recipe, Mapping[str, ExposedShot], CellMap], dict[str, Picture]]
 """Scales and corrects the photos of a recipe."""
 _UNSURE_DIRECT = 0.5
@@ -124,67 +128,49 @@ def add_common_errors(
     by_codes: Mapping[str, Floats], learned: PilotFindings | None, cells: CellMap,
     borders: BorderMeasurement | None,
 ) -> dict[str, PictureWithErrors]:  # fmt: skip
-    """Pictures, `bars` of photos `scaled`, that know what all parts get wrong alike, too."""
+    """Pictures, `bars` of photos `scaled`, that know what all parts get wrong alike, too, and what
+    of their code error comes from where (`PictureWithErrors.causes`)."""
     norm = record.normalise
-    bars = with_beside_light(bars, recipe, shots, scaled, by_codes, learned, cells, norm)
-    bars = _with_direct_light(bars, recipe, shots, scaled, cells, borders, normalise=norm)
-    bars = _with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
-    if record.panels is None:
-        return bars
-    return _without_blind(_with_misplaced_light(bars, recipe, scaled, record, cells), record, cells)
+    made = with_beside_light(bars, recipe, shots, scaled, by_codes, learned, cells, norm)
+    steps: list[tuple[ErrorCause, Mapping[str, PictureWithErrors]]] = [("codes", made)]
+    removed = [
+        (photo, *find_removed_direct(photo, recipe, shots, cells, normalise=norm))
+        for photo in recipe.photos
+    ]
+    strips = [one for one in removed if one[2] is not None]
+    made = _with_direct_light(made, recipe, strips, scaled, cells, borders)
+    steps.append(("maps", made))
+    slow = [one for one in removed if one[2] is None]
+    made = _with_direct_light(made, recipe, slow, scaled, cells, borders)
+    steps.append(("timing", made))
+    made = with_stop_errors(made, recipe, scaled, record, cells)
+    steps.append(("stops", made))
+    if record.panels is not None:
+        made = _with_misplaced_light(made, recipe, scaled, record, cells)
+        steps.append(("maps", made))
+        made = _without_blind(made, record, cells)
+    return {name: replace(one, causes=_find_causes(name, steps, one)) for name, one in made.items()}
 
 
-def _stop_sigmas(record: RunRecord, recipe: Recipe) -> dict[str, tuple[float, float]]:
-    """By photo, the stop it was taken at and how sure its light is beside that of the run's own
-    stop; of those alone that were taken at another one."""
-    taken = {shot.name: stop_of(shot.f_number, record.stops) for shot in record.shots}
-    of_sums = [taken[name] for name in recipe.stack if name in taken]
-    found = {}
-    for photo in recipe.photos:
-        stops = [taken[name] for _, name in photo.shots if name in taken]
-        worst = max(stops or of_sums, key=lambda stop: stop.sigma, default=None)
-        if record.stops and worst is not None and worst.sigma > 0.0:
-            found[photo.name] = worst.f_number, worst.sigma
+def _find_causes(
+    name: str,
+    steps: Sequence[tuple[ErrorCause, Mapping[str, PictureWithErrors]]],
+    whole: PictureWithErrors,
+) -> dict[ErrorCause, float]:
+    """Mean square of a picture's code error by cause, where the `whole` error is known: what each
+    of the steps that made it has added. Some pixels, evenly spread, are looked at."""
+    height, width = whole.image.shape[:2]
+    step = max(1, math.isqrt(height * width // _LOOKED_AT))
+    some = np.s_[step // 2 :: step, step // 2 :: step]
+    known = np.isfinite(whole.sigma[some])
+    found: dict[ErrorCause, float] = {}
+    before = 0.0
+    if known.any():
+        for cause, made in steps:
+            square = float(np.mean(np.square(made[name].code[some][known], dtype=np.float64)))
+            found[cause] = found.get(cause, 0.0) + max(square - before, 0.0)
+            before = square
     return found
-
-
-def _with_stop_errors(
-    pictures: Mapping[str, PictureWithErrors],
-    recipe: Recipe,
-    photos: Mapping[str, Picture],
-    stops: Mapping[str, tuple[float, float]],
-    cells: CellMap,
-) -> dict[str, PictureWithErrors]:
-    """Pictures whose code error knows how far stops may be off that were compared on the scene: all
-    photos of one stop are too bright, or too dark, alike.
-
-    photos : scaled ones. stops : by photo, its f-number and the relative error of its light.
-    """
-    found = dict(pictures)
-    for f_number, sigma in set(stops.values()):
-        for name, picture in pictures.items():
-            rule = recipe.pictures[name]
-            if isinstance(rule, Extremes):
-                of_stop: list[tuple[float, Picture]] = (
-                    [(1.0, picture)] if set(rule.photos) & set(stops) else []
-                )
-            else:
-                here = f_number, sigma
-                of_stop = [(c, photos[one]) for c, one in rule if stops.get(one) == here]
-            if of_stop:
-                light = sum(c * one.image for c, one in of_stop)
-                found[name] = _more_error(found[name], sigma * np.abs(light), cells)
-    return found
-
-
-def _more_error(picture: PictureWithErrors, error: Floats, cells: CellMap) -> PictureWithErrors:
-    """A picture with one more error (h, w, C) that neighbours share."""
-    code = np.hypot(picture.code, error).astype(picture.code.dtype)
-    of_cells = picture.of_cells
-    if of_cells is not None:
-        of_cells = np.hypot(of_cells, average_image(error, cells).reshape(of_cells.shape))
-    made = with_error_bars(Picture(picture.image, picture.sensor), code, picture.kind)
-    return replace(made, of_cells=of_cells)
 
 
 def _of_cells(picture: PictureWithErrors, cells: CellMap) -> Errors:
@@ -344,23 +330,21 @@ def combine_picture_errors(
 def _with_direct_light(
     pictures: Mapping[str, PictureWithErrors],
     recipe: Recipe,
-    shots: Mapping[str, RealisedShot],
+    removed: Sequence[tuple[RecipePhoto, Floats | None, BorderLight | None]],
     photos: Mapping[str, Picture],
     cells: CellMap,
-    borders: BorderMeasurement | None = None,
-    *,
-    normalise: NormaliseName = "auto",
+    borders: BorderMeasurement | None,
 ) -> dict[str, PictureWithErrors]:
     """Pictures whose code error knows of direct light that was taken out of a photo of indirect
     light, and may be wrong, in all parts alike: along the borders of whole cells that both panels
     draw in two places (`pdcd.pictures.border_light.BorderLight.error`), or what slow panels let
     through (`_UNSURE_DIRECT`).
 
-    photos : scaled ones. borders : what a photo of this light tells, if there is one.
+    removed : of photos, with what `find_removed_direct` says of each. photos : scaled ones.
+    borders : what a photo of this light tells, if there is one.
     """
     white, found = list_white_photos(recipe), dict(pictures)
-    for photo in recipe.photos:
-        share, light = find_removed_direct(photo, recipe, shots, cells, normalise=normalise)
+    for photo, share, light in removed:
         if light is not None:
             error: Floats = light.error(photos[photo.name], photos[white[-1]], borders)
         elif share is not None:

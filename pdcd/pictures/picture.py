@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -18,6 +18,10 @@ Errors = NDArray[np.floating]
 _Kind = Literal["measured", "sensor", "whole"]
 """How the error by codes is known: by the spread of parts; not at all, so that sigma is without it;
 or there is none, as of a white photo."""
+
+ErrorCause = Literal["codes", "maps", "timing", "stops"]
+"""Where a part of the code error comes from: codes; where panels and camera lie; when panels
+switch; how much light the stops of a lens let through."""
 
 _F = TypeVar("_F", np.float64, np.floating)
 
@@ -42,13 +46,15 @@ class PictureWithErrors(Picture):
     where the frame is large, float32.
 
     `kind` is how `code` was found. `of_cells` is the code error of means over cells,
-    (rows, cols, C), where more is known of it than that of their quads.
+    (rows, cols, C), where more is known of it than that of their quads. `causes` are mean squares
+    of `code` by where it comes from, whose sum is that of all; empty before that was worked out.
     """
 
     sensor: Errors
     code: Errors
     kind: _Kind
     of_cells: Errors | None = None
+    causes: Mapping[ErrorCause, float] = field(default_factory=dict)
 
 
 def with_error_bars(picture: Picture, code: Errors, kind: _Kind) -> PictureWithErrors:

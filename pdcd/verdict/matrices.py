@@ -5,6 +5,7 @@ of torn windows, and of light that was to be blocked and got through.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -52,20 +53,43 @@ def judge_matrices(seen: Evidence) -> Iterator[VerdictFinding]:
 def _judge_direct_left(seen: Evidence) -> Iterator[VerdictFinding]:
     """What is direct light in an answer of one photo without any, of which a picture shows how much
     there is."""
-    if len(seen.photos) != 1:
+    left = find_direct_left(seen)
+    if left is None:
         return
+    found = judge(Cause.DIRECT_LEFT, left.share, weight=left.weight)
+    if found and left.taken_out is not None:
+        found = judge(Cause.DIRECT_TAKEN_OUT, left.taken_out)
+    yield from found
+
+
+@dataclass(frozen=True)
+class DirectLeft:
+    """Direct light in an answer that is to have none: its mean weight, and its RMS over that of the
+    answer. taken_out : the same where it was taken out of the picture, None where it is in it."""
+
+    weight: float
+    share: float
+    taken_out: float | None
+
+
+def find_direct_left(seen: Evidence) -> DirectLeft | None:
+    """What of direct light the panels let through as they switch, or between cells, in an answer of
+    one photo without any; None of another answer, or where no picture tells how much there is. For
+    the verdict and the error budget."""
+    if len(seen.photos) != 1 or "direct" not in seen.pictures:
+        return None
     (photo,) = seen.photos
     if photo.wanted.uniform is None or photo.wanted.uniform[0] != 0.0:
-        return
+        return None
     there, answer = (seen.inside(p.image) for p in (seen.pictures["direct"], seen.decoded.answer))
     mean = abs(seen.deviations[photo.name].diagonal_mean)
     weight = max(mean, _weight_at_borders(seen, photo))
     # What is left of it in this picture is missing in that of direct light.
     share = compute_light_share(weight, there / max(1.0 - mean, _LEAST_SHOWN), answer)
-    found = judge(Cause.DIRECT_LEFT, share, weight=weight)
-    if found and seen.decoded.takes_out(photo, seen.record.normalise):
-        found = judge(Cause.DIRECT_TAKEN_OUT, compute_light_share(weight, there, answer))
-    yield from found
+    taken_out = None
+    if seen.decoded.takes_out(photo, seen.record.normalise):
+        taken_out = compute_light_share(weight, there, answer)
+    return DirectLeft(weight, share, taken_out)
 
 
 def compute_light_share(weight: float, light: Floats, answer: Floats) -> float:

@@ -37,6 +37,7 @@ from pdcd.pictures.truth import KnownAnswer, find_known_answer, write_known_answ
 from pdcd.planning.defaults import is_search_needed
 from pdcd.planning.grey import list_grey_warnings
 from pdcd.planning.make import plan_request
+from pdcd.probing.deviation import Deviation
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import read_manifest
@@ -52,6 +53,10 @@ if TYPE_CHECKING:
         StreamPhoto,
         StreamPlan,
     )
+
+
+_Finished = tuple[Path, RunRecord, DecodedRun, KnownAnswer | None, dict[str, Deviation]]
+"""Folder, record and pictures of a run that is to get a page, its truth and its matrices."""
 
 
 class Worker:
@@ -70,7 +75,7 @@ class Worker:
         self._stream: StreamCourse | None = None
         self._kept: tuple[Path, Darkroom] | None = None
         """Folder and photos of a stream that are to become a run."""
-        self._finished: tuple[Path, RunRecord, DecodedRun, KnownAnswer | None] | None = None
+        self._finished: _Finished | None = None
 
     def plan(
         self,
@@ -170,7 +175,7 @@ class Worker:
         if kept is None:
             self.forget(watch)
         if report and is_cheap(record, decoded):
-            self._finished = folder, record, decoded, known
+            self._finished = folder, record, decoded, known, done.deviations
         return replace(done, decided=course.decided)
 
     def report(self, watch: Watch) -> str | None:
@@ -179,8 +184,8 @@ class Worker:
         finished, self._finished = self._finished, None
         if finished is None:
             return None
-        folder, record, decoded, known = finished
-        material = gather_material(folder, record, decoded, known)
+        folder, record, decoded, known, deviations = finished
+        material = gather_material(folder, record, decoded, known, deviations)
         return write_gathered_report(folder, read_manifest(folder), material).name
 
     def forget(self, watch: Watch) -> None:

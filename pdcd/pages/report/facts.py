@@ -103,6 +103,8 @@ def _field(projector: PanelConfig) -> str:
 def list_tables(manifest: Manifest, material: Material) -> Iterator[ReportTable]:
     """All tables of a page, in order."""
     yield _budget(material)
+    if material.errors:
+        yield _errors(material)
     yield _realised(manifest)
     yield ReportTable("What was asked", _flat(_given(manifest.request)))
     yield ReportTable("The plan", _flat(_given(manifest.plan)), closed=True)
@@ -127,6 +129,21 @@ def _budget(material: Material) -> ReportTable:
         note += f" These are the first {MOST_SHOTS} of {len(material.shots)} shots."
     rows = [[write(one[key]) for _, key, write in _BUDGET] for one in material.budget]
     return ReportTable("Light budget", rows, [head for head, _, _ in _BUDGET], note=note)
+
+
+def _errors(material: Material) -> ReportTable:
+    note = (
+        f"What each cause contributes to the error of {material.answer}: standard deviations, over "
+        "its RMS and in scene units, on pixels as this page shows them."
+    )
+    rows = [(row.name, *_share_and_rms(row.share, row.rms), row.source) for row in material.errors]
+    return ReportTable("Error budget", rows, ("cause", "share", "RMS", "by"), note=note)
+
+
+def _share_and_rms(share: float | None, rms: float | None) -> tuple[str, str]:
+    if share is None or rms is None:
+        return "not known", "not known"
+    return to_percent(share), f"{rms:.3g}"
 
 
 def _realised(manifest: Manifest) -> ReportTable:

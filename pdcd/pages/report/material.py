@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,9 @@ from pdcd.pages.report.weights import MOST_WEIGHTS, pack_matrices
 from pdcd.pictures.decode import TRANSPORT_PICTURE as PICTURE
 from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.truth import KnownAnswer
+from pdcd.probing.deviation import Deviation
 from pdcd.runs.record import RunRecord
+from pdcd.verdict.error_budget import ErrorRow, make_error_budget
 
 DEFAULT_S = 0.3
 """A page that costs less of a processor than that is made at the end of every capture."""
@@ -39,6 +42,8 @@ class Material:
     answer: str
     kind: str
     """How the error of the codes is known (`pdcd.pictures.picture._Kind`)."""
+    errors: tuple[ErrorRow, ...] = ()
+    """The error budget of the answer."""
     slice_png: bytes = b""
     """The picture of entries of T, where they were photographed."""
 
@@ -68,11 +73,16 @@ def is_cheap(record: RunRecord, decoded: DecodedRun) -> bool:
 
 
 def gather_material(
-    folder: Path, record: RunRecord, decoded: DecodedRun, known: KnownAnswer | None
+    folder: Path,
+    record: RunRecord,
+    decoded: DecodedRun,
+    known: KnownAnswer | None,
+    deviations: Mapping[str, Deviation] | None = None,
 ) -> Material:
     """Everything of a page but the manifest.
 
-    folder : where frames.csv lies. Raises DecodeError for a damaged one.
+    folder : where frames.csv lies. deviations : as of `make_error_budget`. Raises DecodeError for a
+    damaged one.
     """
     truth = None
     if known is not None:
@@ -82,6 +92,7 @@ def gather_material(
         matrices=pack_matrices(decoded.recipe, {**decoded.shots, **decoded.sums}, record.normalise),
         shots=make_timeline(folder, record),
         budget=make_light_budget(record, decoded.shots),
+        errors=make_error_budget(record, decoded, deviations),
         answer=decoded.recipe.answer_name,
         kind=decoded.answer.kind,
         slice_png=b"" if decoded.transport is None else _read_picture(folder / PICTURE),

@@ -430,6 +430,6 @@ def test_the_page_of_a_run_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None
         worker_module, "write_gathered_report",
         lambda folder, manifest, material: SimpleNamespace(name=f"{manifest} {material[1:]}"),
     )  # fmt: skip
-    one = worker(_finished=("/run", "record", "decoded", None))
-    assert one.report(WATCH) == "manifest of /run ('record', 'decoded', None)"
+    one = worker(_finished=("/run", "record", "decoded", None, {}))
+    assert one.report(WATCH) == "manifest of /run ('record', 'decoded', None, {})"
     assert one.report(WATCH) is None

@@ -1,0 +1,151 @@
+"""What each cause contributes to the error of a photo: scale, stops, maps, timing, codes, noise.
+
+Nothing is estimated anew. Error bars know what of them comes from where, the verdict what direct
+light is left, the record how sure scale and stops are. What nobody knows is said to be unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.arrays import Floats
+from pdcd.pictures.decoded_run import DecodedRun
+from pdcd.pictures.picture import ErrorCause
+from pdcd.printable import to_percent
+from pdcd.probing.deviation import Deviation
+from pdcd.runs.record import RunRecord
+from pdcd.verdict.evidence import Evidence, compute_rms
+from pdcd.verdict.matrices import find_direct_left
+
+ALL_CAUSES = "all"
+"""Name of the last row: the root of the sum of squares of those that are known."""
+_LEAST = 1e-6
+"""Weight of direct light that is none."""
+
+
+class ErrorRow(msgspec.Struct, frozen=True):
+    """One cause of error of a photo's answer.
+
+    name : "scale", "stops", "maps", "timing", "codes", "noise", "leaks" where there are any, and
+    "all". share : standard deviation over the RMS of the answer, on the camera's quads; None where
+    it is not known. rms : the same in scene units. source : where the figure comes from, or why
+    there is none.
+    """
+
+    name: str
+    share: float | None
+    rms: float | None
+    source: str
+
+
+def make_error_budget(
+    record: RunRecord, decoded: DecodedRun, deviations: Mapping[str, Deviation] | None = None
+) -> tuple[ErrorRow, ...]:
+    """The budget of a run that was decoded, a row for each cause and one for all. For the report
+    and `Run.error_budget`. deviations : of its photos, None: they are worked out."""
+    if record.cells is None:
+        return ()
+    if deviations is None:
+        deviations = decoded.deviations()
+    seen = Evidence(record, record.cells, decoded, deviations)
+    light = compute_rms(_known(seen, decoded.answer.image))
+    rows = [
+        ErrorRow(name, share, None if share is None else share * light, source)
+        for name, share, source in _list_causes(seen, light)
+    ]
+    known = [row.share for row in rows if row.share is not None]
+    lacking = [row.name for row in rows if row.share is None]
+    total = math.hypot(*known)
+    source = "root of the sum of squares"
+    if lacking:
+        source += f"; without {', '.join(lacking)}"
+    return (*rows, ErrorRow(ALL_CAUSES, total, total * light, source))
+
+
+def _list_causes(seen: Evidence, light: float) -> Iterator[tuple[str, float | None, str]]:
+    """Name, share of the answer's RMS `light`, and source of each."""
+    record = seen.record
+    if record.scale is None:
+        yield "scale", None, "nobody knows how bright a unit is"
+    else:
+        yield "scale", record.scale.sigma, f"common to all pixels; {record.scale.source}"
+    yield "stops", *_stops(seen, light)
+    yield "maps", *_maps(seen, light)
+    yield "timing", *_timing(seen, light)
+    yield "codes", *_codes(seen, light)
+    yield (
+        "noise",
+        _over(compute_rms(_known(seen, seen.decoded.answer.sensor)), light),
+        (
+            f"photons and read noise by sensor profile {record.profile.name}"
+            + (", an estimate" if record.profile.estimated else "")
+        ),
+    )
+    leaks = math.hypot(record.leak, record.room_changed)
+    if leaks:
+        yield "leaks", leaks, "light in the dark photos that is not taken off, or changed"
+
+
+def _stops(seen: Evidence, light: float) -> tuple[float | None, str]:
+    numbers, share = (
+        sorted({shot.f_number for shot in seen.records}),
+        _of_cause(seen, "stops", light),
+    )
+    if len(numbers) <= 1 and not share:
+        return 0.0, "all photos of the answer were taken at one stop"
+    if not seen.record.stops:
+        return None, f"stops {', '.join(f'f/{n:g}' for n in numbers)} were never compared"
+    return share, "by the photos that compared the stops' light"
+
+
+def _maps(seen: Evidence, light: float) -> tuple[float | None, str]:
+    look = seen.record.panels
+    if look is None or look.mask is None:
+        why = "no photos of blocks" if look is None or not look.why else look.why
+        return None, f"nobody looked where the panels lie: {why}"
+    source = f"photos of blocks, which place the mask to {look.sigma_px:.2g} projector pixels"
+    return _of_cause(seen, "maps", light), source
+
+
+def _timing(seen: Evidence, light: float) -> tuple[float | None, str]:
+    if any(not shot.verified for shot in seen.records):
+        return None, "presentation times are not verified"
+    if seen.decoded.answer.kind == "whole":
+        return 0.0, "no codes were shown"
+    left = find_direct_left(seen)
+    if left is None:
+        return None, "no picture tells how much direct light gets through as the panels switch"
+    if left.weight < _LEAST:
+        return 0.0, "by the frame log the panels let no direct light through"
+    through = f"{to_percent(left.weight)} of the direct light gets through, by the frame log"
+    if left.taken_out is not None:
+        return _of_cause(seen, "timing", light), f"{through}; it was taken out, to a half"
+    return left.share, f"{through}; it is in the picture"
+
+
+def _codes(seen: Evidence, light: float) -> tuple[float | None, str]:
+    made = seen.decoded.answer
+    if made.kind == "whole":
+        return 0.0, "no codes err in such a photo"
+    if made.kind == "sensor":
+        return None, "fewer than four parts were taken"
+    return _of_cause(seen, "codes", light), "by what the parts of the photo differ in"
+
+
+def _of_cause(seen: Evidence, cause: ErrorCause, light: float) -> float:
+    return _over(math.sqrt(seen.decoded.answer.causes.get(cause, 0.0)), light)
+
+
+def _known(seen: Evidence, image: NDArray[np.floating]) -> Floats:
+    """Values inside the field, NaN where the answer is not known."""
+    values, sigma = seen.inside(image), seen.inside(seen.decoded.answer.sigma)
+    return np.where(np.isfinite(sigma), values, np.nan)
+
+
+def _over(error: float, light: float) -> float:
+    return error / light if light > 0.0 else math.inf

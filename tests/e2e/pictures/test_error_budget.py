@@ -1,0 +1,191 @@
+"""The error budget of a photo against what photos of the mock bench really err, over seeds, scenes
+and faults that are put in on purpose."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+import pdcd
+from pdcd.api.run import Run
+from pdcd.bench.stops import AbsoluteScale, Stop
+from pdcd.calibration.sensor.body import format_profile
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.probing.panel import PanelOptics
+from pdcd.sensor.profile import load_profile
+from pdcd.verdict.error_budget import ErrorRow, make_error_budget
+from tests.oracles import pair_integrals, timeline, to_cells
+from tests.reference_run import RUN
+
+SEEDS = (1, 2, 3)
+LAG = {"rise_s": 0.003, "fall_s": 0.005}
+
+
+def take(seed: int = 1, *, codes: int = 128, parts: int = 4, **tables: dict[str, Any]) -> Run:
+    given: dict[str, dict[str, Any]] = {
+        "projector": {"size_px": [128, 96]},
+        "mask": {"size_px": [128, 96]},
+        "camera": {"frame_quads": [64, 48], "seed": seed},
+        "scene": {"kind": "open-book", "grid": [12, 16]},
+        "limits": {"min_free_bytes": 0},
+    }
+    for name, more in tables.items():
+        given[name] = {**given.get(name, {}), **more}
+    with pdcd.local(given) as bench:
+        return bench.capture(
+            "indirect", codes=codes, seed=seed, pilot=0, parts=parts, progress=False
+        )
+
+
+def rows_of(run: Run) -> dict[str, ErrorRow]:
+    return {row.name: row for row in run.error_budget(progress=False)}
+
+
+def share(run: Run, name: str) -> float:
+    found = rows_of(run)[name].share
+    assert found is not None
+    return found
+
+
+def over_seeds(*, seeds: tuple[int, ...] = SEEDS, **asked: Any) -> tuple[float, dict[str, float]]:
+    """RMS over seeds: of the true error of quads, and of each row that is known."""
+    runs = [take(seed, **asked) for seed in seeds]
+    true = [run.rms_error_quads for run in runs]
+    told = [{name: row.share for name, row in rows_of(run).items()} for run in runs]
+    names = [name for name, found in told[0].items() if found is not None]
+    return float(np.sqrt(np.mean(np.square(np.array(true, float))))), {
+        name: float(np.sqrt(np.mean([np.square(one[name] or 0.0) for one in told])))
+        for name in names
+    }
+
+
+@pytest.mark.parametrize("scene", ["open-book", "wax-disk"])
+def test_the_sum_of_all_causes_is_what_photos_err(scene: str) -> None:
+    true, told = over_seeds(scene={"kind": scene})
+    assert 0.7 < told["all"] / true < 1.5
+    parts = [told[name] for name in told if name != "all"]
+    assert told["all"] == pytest.approx(float(np.hypot.reduce(parts)), rel=1e-6)
+
+
+def test_read_noise_is_in_the_row_of_noise(tmp_path: Path) -> None:
+    """Of a sensor whose profile says that it is noisy."""
+    profile = load_profile("modern")
+    noisy = [msgspec.structs.replace(row, read_noise_e=150.0) for row in profile.rows]
+    path = tmp_path / "noisy.toml"
+    path.write_text(format_profile(msgspec.structs.replace(profile, rows=tuple(noisy))))
+    quiet = over_seeds(seeds=(1, 2))
+    loud = over_seeds(seeds=(1, 2), camera={"profile": str(path)})
+    grown = np.sqrt(loud[0] ** 2 - quiet[0] ** 2)
+    told = np.sqrt(loud[1]["noise"] ** 2 - quiet[1]["noise"] ** 2)
+    assert loud[0] > 1.5 * quiet[0]
+    assert told == pytest.approx(grown, rel=0.2)
+
+
+def test_more_codes_make_the_row_of_codes_as_small_as_they_make_the_error() -> None:
+    """The true error without its noise, over seeds of codes."""
+    found = {}
+    for codes in (64, 256):
+        true, told = over_seeds(codes=codes)
+        found[codes] = np.sqrt(true**2 - told["noise"] ** 2), told["codes"]
+        assert 0.7 < found[codes][1] / found[codes][0] < 1.5
+    (few, told_few), (many, told_many) = found[64], found[256]
+    assert few > 2.0 * many
+    assert told_few / told_many == pytest.approx(few / many, rel=0.4)
+
+
+def dense_direct_weight(run: Run) -> float:
+    """Mean weight of direct light in the coded photo, over that of other light, pixel pair by
+    pixel pair of panels drawn with one pixel a cell."""
+    record, table, stored = run.manifest.run, run.frames, np.load(run.folder / "codes.npz")
+    optics = [PanelOptics.from_config(one) for one in (record.projector, record.mask)]
+    total = np.zeros((192, 192))
+    for shot in record.shots:
+        if not shot.name.startswith("coded"):
+            continue
+        mine = {name: column[table["shot"] == shot.name] for name, column in table.items()}
+        count = len(mine["shot"])
+        frames = Frames(
+            stored[f"{shot.name}.primal"], stored[f"{shot.name}.dual"],
+            mine["primal_index"].astype(np.int32), mine["dual_index"].astype(np.int32),
+            np.zeros(count, np.uint8), mine["code"].astype(np.int32), mine["guard"] == 1,
+            run.grid, run.grid, "whole",
+        )  # fmt: skip
+        log = FrameLog(
+            mine["primal_shown"].astype(np.int32), mine["dual_shown"].astype(np.int32),
+            mine["t_primal_ns"], mine["t_dual_ns"], np.array(shot.end_ns),
+            np.zeros(count, np.int32), "mock", True,
+        )  # fmt: skip
+        lit, seen = (
+            timeline(frames, log, one, shot.open_ns, primal, fine=1)
+            for one, primal in zip(optics, (True, False), strict=True)
+        )
+        exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
+        pairs = pair_integrals(lit, seen, optics[0], optics[1], exposure_s)
+        total += to_cells(pairs, run.grid, 1)[0]
+    own = np.eye(192, dtype=bool)
+    return float(total[own].mean() / total[~own].mean())
+
+
+@pytest.mark.parametrize("skew_s", [0.0005, 0.003])
+def test_slow_panels_are_in_the_row_of_timing(skew_s: float) -> None:
+    """Direct light that gets through as panels switch is taken out of the picture; half of it is
+    held to be unsure."""
+    run = take(mask={**LAG, "skew_s": skew_s}, projector={"rise_s": 0.001, "fall_s": 0.002})
+    white, indirect = (
+        np.sqrt(np.mean(run.pictures[name].astype(float) ** 2)) for name in ("white", "indirect")
+    )
+    dense = dense_direct_weight(run) * white / indirect
+    assert dense > 0.02
+    assert share(run, "timing") == pytest.approx(0.5 * dense, rel=0.1)
+
+
+def test_the_row_of_maps_grows_as_the_error_of_a_mask_that_lies_elsewhere(tmp_path: Path) -> None:
+    """It is the error bars' own figure, which knows about two fifths of that error."""
+    panels: dict[str, Any] = {"size_px": [1024, 768]}
+    asked = {"projector": panels, "mask": panels, "camera": {"frame_quads": [128, 96], "seed": 1}}
+    assert share(take(**asked), "maps") < 0.01
+    true, told = [], []
+    for offset_px in (3.0, 6.0):  # of cells of 64 pixels
+        truth = tmp_path / f"{offset_px}.toml"
+        truth.write_text(f"[mask.place]\noffset_px = [{offset_px}, 0.0]\n")
+        run = take(**asked, bench={"truth": str(truth)})
+        assert run.verdict == "bad"
+        assert run.rms_error_quads is not None
+        true.append(run.rms_error_quads)
+        told.append(share(run, "maps"))
+    assert told[1] / told[0] == pytest.approx(true[1] / true[0], rel=0.15)
+    assert 0.3 < told[0] / true[0] < 1.5
+
+
+def test_what_nobody_knows_has_no_number() -> None:
+    rows = rows_of(pdcd.open(RUN))
+    assert [*rows] == ["scale", "stops", "maps", "timing", "codes", "noise", "all"]
+    assert {name for name, row in rows.items() if row.share is None} == {"scale", "maps"}
+    assert all((row.share is None) == (row.rms is None) for row in rows.values())
+    assert "without scale, maps" in rows["all"].source
+    few = rows_of(take(parts=1))
+    assert few["codes"].share is None
+    assert few["all"].share == pytest.approx(few["noise"].share, rel=0.01)
+
+
+def test_scale_and_stops_are_what_the_calibration_states() -> None:
+    """A scale and a stop that are off by so much make all of the picture brighter by as much."""
+    run = pdcd.open(RUN)
+    record = msgspec.structs.replace(
+        run.manifest.run,
+        scale=AbsoluteScale("as of a calibration", 0.05),
+        stops=(Stop(8.0, 8.0, 0.02),),
+    )
+    darkroom = Darkroom(run.folder, record)
+    rows = {row.name: row for row in make_error_budget(record, darkroom.decoded())}
+    assert rows["scale"].share == pytest.approx(0.05)
+    assert rows["stops"].share == pytest.approx(0.02, rel=1e-3)
+    light = float(np.sqrt(np.mean(run.pictures["indirect"].astype(float) ** 2)))
+    assert rows["scale"].rms == pytest.approx(0.05 * light, rel=1e-4)
+    assert rows["all"].share is not None
+    assert rows["all"].share > float(np.hypot(0.05, 0.02))
