@@ -17,6 +17,7 @@ from pdcd.cli.output import say_json, say_table, say_text
 from pdcd.errors import ConfigError
 
 if TYPE_CHECKING:
+    from pdcd.api.acceptance import AcceptanceRow
     from pdcd.bench.devices import DriverContext
 
 _DOCTORS = {
@@ -89,6 +90,29 @@ def examine_bench(config: Config) -> Iterator[Finding]:
     if config.camera.driver in ("ptp", "genicam"):
         yield from _examine_camera(config, None)
     yield from examine_shutter(config, click=False)
+
+
+def accept_bench(args: argparse.Namespace) -> int:
+    """Run the acceptance checks, two captures among them; fails when any of them does."""
+    from pdcd.api.acceptance import check_acceptance, write_acceptance
+
+    config = load_config(args.config)
+    record = check_acceptance(config, list(examine_bench(config)), args.out)
+    if args.page is not None:
+        write_acceptance(record, args.page)
+    if args.json:
+        say_json({"accepted": record.accepted, "bench": record.bench, "rows": record.rows})
+    else:
+        say_table([["check", "result", "found", "limit"], *map(_format_check, record.rows)])
+        for row in record.rows:
+            if row.state == "fail" and row.advice:
+                say_text(f"{row.check}: {row.advice}")
+        say_text("accepted" if record.accepted else "not accepted")
+    return DONE if record.accepted else FAILED
+
+
+def _format_check(row: AcceptanceRow) -> list[str]:
+    return [row.check, row.state, row.found, row.limit]
 
 
 def diagnose_trigger(args: argparse.Namespace) -> int:

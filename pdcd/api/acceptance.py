@@ -1,0 +1,223 @@
+"""The acceptance of a bench: a fixed list of checks in front of a white card, on one page to print.
+
+Everything is looked at by what the rest of the program already says: doctors, the calibration in
+use, and two captures of direct light. Only the comparison of these two is worked out here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from pdcd.api.local import LocalBench
+from pdcd.api.run import Run
+from pdcd.arrays import Floats
+from pdcd.bench.calibration import read_calibration
+from pdcd.bench.devices import Finding
+from pdcd.bench.measured import choose_calibration_folder
+from pdcd.bench.tables import Config
+from pdcd.files.put import replace_file
+from pdcd.pages.render import render_page
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.printable import to_percent
+
+TEMPLATE = "acceptance.html"
+SCALE_OFF, NOISE_OFF, REPEAT_OFF = 0.1, 1.25, 1.5
+SUM_OFF, CARD_INDIRECT, ROOM_LIGHT = 0.03, 0.03, 0.05
+FULL_LEAST, FULL_MOST = 0.1, 0.98
+"""Limits: of white over the card's albedo; of noise and of differences over what is expected; of
+the sum, the card's indirect light and the room's over white; of the brightest sample over full."""
+DEFAULT_ALBEDO = 0.9
+"""Of a card whose albedo is not configured, as calibration takes it."""
+_State = Literal["pass", "fail", "not tried"]
+
+
+@dataclass(frozen=True)
+class AcceptanceRow:
+    """One check: what was found, what is accepted, and what to do where it fails."""
+
+    check: str
+    state: _State
+    found: str
+    limit: str
+    advice: str = ""
+
+
+@dataclass(frozen=True)
+class AcceptanceRecord:
+    """All rows of a bench, with what names it."""
+
+    bench: str
+    when_utc: str
+    devices: tuple[tuple[str, str], ...]
+    rows: tuple[AcceptanceRow, ...]
+
+    @property
+    def accepted(self) -> bool:
+        """Whether nothing failed. What was not tried is said on the page."""
+        return all(row.state != "fail" for row in self.rows)
+
+
+def check_acceptance(
+    config: Config, findings: Iterable[Finding], folder: Path | None = None
+) -> AcceptanceRecord:
+    """Take the photos and work out all rows. A flat white card is taken to stand there. For
+    `pdcd doctor bench`. findings : of the doctors. folder : where the runs go. Raises PdcdError."""
+    rows = [*_doctor_rows(findings), *_calibration_rows(config)]
+    with LocalBench(config, folder) as bench:
+        first, second = (bench.capture("direct", seed=seed, progress=False) for seed in (0, 1))
+        devices = tuple(_devices(first))
+    rows += _photo_rows(config, first, second)
+    when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return AcceptanceRecord(config.rig.name, when, devices, tuple(rows))
+
+
+def write_acceptance(record: AcceptanceRecord, path: Path) -> None:
+    """Write the page. Raises NoSpaceError, or DiskError for any other refusal of the disk."""
+    replace_file(path, render_page(TEMPLATE, record=record).encode("utf-8"))
+
+
+def _devices(run: Run) -> Iterator[tuple[str, str]]:
+    told: dict[str, Any] = run.manifest.drivers
+    camera, panels = told.get("camera", {}), told.get("display", {}).get("identity", {})
+    yield "camera", f"{camera.get('model', '?')}, serial {camera.get('serial') or 'unknown'}"
+    for name in ("projector", "mask"):
+        yield name, str(panels.get(name, "?"))
+    yield "shutter", str(told.get("shutter", {}).get("model", "?"))
+
+
+def _doctor_rows(findings: Iterable[Finding]) -> Iterator[AcceptanceRow]:
+    states: dict[str, _State] = {"fault": "fail", "unknown": "not tried"}
+    worst = [one for one in findings if one.state in states]
+    if not worst:
+        yield AcceptanceRow("devices", "pass", "nothing to mend", "nothing to mend")
+    for one in worst:
+        yield AcceptanceRow(
+            f"devices: {one.what}", states[one.state], one.found, "nothing to mend", one.hint or ""
+        )
+
+
+def _calibration_rows(config: Config) -> Iterator[AcceptanceRow]:
+    folder = choose_calibration_folder(config)
+    if folder is None:
+        yield AcceptanceRow(
+            "calibration", "fail", "none is in use", "one that fits", "run pdcd calibrate"
+        )
+        return
+    record, _ = read_calibration(folder)
+    for step in record.steps:
+        yield AcceptanceRow(
+            f"calibration: {step.name}", "fail" if step.verdict == "bad" else "pass",
+            f"{step.verdict}, {step.made_utc[:10]}", "not bad", "; ".join(step.advice),
+        )  # fmt: skip
+
+
+def _photo_rows(config: Config, first: Run, second: Run) -> Iterator[AcceptanceRow]:
+    """What two captures of direct light say, by themselves and of each other."""
+    runs = first, second
+    shots = [shot for run in runs for shot in run.manifest.run.shots]
+    missed = sum(shot.missed for shot in shots)
+    verified = all(shot.verified for shot in shots)
+    yield _row(
+        "timing", missed == 0 and verified,
+        f"{missed} refreshes missed, times {'verified' if verified else 'not verified'}",
+        "0 missed, verified", "see that nothing else runs on the display; run pdcd timing",
+    )  # fmt: skip
+    yield _places(first)
+    yield from _light_rows(config, first)
+    yield from _compared(first, second)
+    bad = [f"{run.job}: {run.quality.reasons[0]}" for run in runs if run.verdict == "bad"]
+    yield _row("verdicts", not bad, bad[0] if bad else "no photo is bad", "no photo is bad")
+
+
+def _row(check: str, good: bool, found: str, limit: str, advice: str = "") -> AcceptanceRow:
+    return AcceptanceRow(check, "pass" if good else "fail", found, limit, "" if good else advice)
+
+
+def _places(run: Run) -> AcceptanceRow:
+    """Whether both panels lie where they are believed to, by the verdict's own words."""
+    look = run.manifest.run.panels
+    said = [text for text in run.quality.reasons if "the mask" in text or "the camera" in text]
+    limit, advice = "as the verdict of a photo has it", "run pdcd calibrate geometry"
+    if said:
+        return AcceptanceRow("places of the panels", "fail", said[0], limit, advice)
+    if look is None or look.mask is None:
+        why = "no photos of blocks" if look is None or not look.why else look.why
+        return AcceptanceRow("places of the panels", "not tried", why, limit)
+    found = f"as believed, to {look.sigma_px:.2g} projector pixels"
+    return AcceptanceRow("places of the panels", "pass", found, limit)
+
+
+def _light_rows(config: Config, run: Run) -> Iterator[AcceptanceRow]:
+    """How much light there is: in the files, from the room, and over the card's albedo."""
+    record, white = run.manifest.run, _lit(run, "white")
+    shot = next(one for one in record.shots if one.name == "white")
+    level = record.profile.saturation_dn(shot.iso) - record.profile.black_dn
+    peak = float(np.quantile(run.raw("white"), 0.999)) / level
+    yield _row(
+        "light level", FULL_LEAST <= peak <= FULL_MOST, f"{to_percent(peak)} of full",
+        f"{to_percent(FULL_LEAST)} to {to_percent(FULL_MOST)}", "set aperture, ISO or exposure",
+    )  # fmt: skip
+    dark = record.dark or record.room
+    if dark is None:
+        yield AcceptanceRow("dark", "pass", "nothing was seen by the dark photos", "")
+    else:
+        light = Darkroom(run.folder, record).ambient(dark).light
+        share = float(np.mean(light) / np.mean(white))
+        yield _row(
+            "dark", share <= ROOM_LIGHT,
+            f"{to_percent(share)} of white" if share > 1e-4 else "under 0.01 % of white",
+            f"at most {to_percent(ROOM_LIGHT)}", "darken the room; look at the panels' contrast",
+        )  # fmt: skip
+    albedo = config.calibration.card_albedo or DEFAULT_ALBEDO
+    off = float(np.quantile(white, 0.9)) / albedo - 1.0
+    yield _row(
+        "brightness of the card", abs(off) <= SCALE_OFF,
+        f"{to_percent(off)} off its albedo of {albedo:g}", f"within {to_percent(SCALE_OFF)}",
+        "clean the lens and its stops; run pdcd calibrate light",
+    )  # fmt: skip
+    share = float(np.sqrt(np.mean(_lit(run, "indirect") ** 2) / np.mean(white**2)))
+    yield _row(
+        "indirect light of the card", share <= CARD_INDIRECT, f"{to_percent(share)} of white",
+        f"at most {to_percent(CARD_INDIRECT)}",
+        "run pdcd calibrate timing and geometry: direct light gets through the codes",
+    )  # fmt: skip
+
+
+def _compared(first: Run, second: Run) -> Iterator[AcceptanceRow]:
+    """Whether two photos of the same thing differ by what their error bars say."""
+    made = [run.decode(progress=False).pictures for run in (first, second)]
+    off = {name: made[0][name].image - made[1][name].image for name in ("white", "direct")}
+    for check, name, bars, most, advice in (
+        ("noise", "white", [one["white"].sensor for one in made], NOISE_OFF,
+         "name this camera's own profile, or run pdcd calibrate sensor"),
+        ("repeatability", "direct", [one["direct"].sigma for one in made], REPEAT_OFF,
+         "see that lamp, card and mounts are steady"),
+    ):  # fmt: skip
+        times = _rms(off[name] / np.hypot(*bars))
+        yield _row(
+            check, times <= most, f"two {name} photos differ by {times:.2f} times their error bars",
+            f"at most {most:g} times", advice,
+        )  # fmt: skip
+    rest = made[0]["indirect"].image + made[1]["direct"].image - made[0]["white"].image
+    share = _rms(rest) / _rms(made[0]["white"].image)
+    yield _row(
+        "direct and indirect add up to white", share <= SUM_OFF, f"{to_percent(share)} left over",
+        f"at most {to_percent(SUM_OFF)} of white", "see that lamp and room are steady",
+    )  # fmt: skip
+
+
+def _lit(run: Run, name: str) -> Floats:
+    """A picture where the field is, (n,) and colours, as float64."""
+    picture = run.pictures[name].astype(np.float64)
+    return np.asarray(picture[run.pictures["white"].max(axis=-1) > 0.0])
+
+
+def _rms(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else np.inf
