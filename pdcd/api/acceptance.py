@@ -26,7 +26,7 @@ from pdcd.pages.render import render_page
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.printable import to_percent
 
-TEMPLATE = "acceptance.html"
+_TEMPLATE = "acceptance.html"
 SCALE_OFF, NOISE_OFF, REPEAT_OFF = 0.1, 1.25, 1.5
 SUM_OFF, CARD_INDIRECT, ROOM_LIGHT = 0.03, 0.03, 0.05
 FULL_LEAST, FULL_MOST = 0.1, 0.98
@@ -79,7 +79,7 @@ def check_acceptance(
 
 def write_acceptance(record: AcceptanceRecord, path: Path) -> None:
     """Write the page. Raises NoSpaceError, or DiskError for any other refusal of the disk."""
-    replace_file(path, render_page(TEMPLATE, record=record).encode("utf-8"))
+    replace_file(path, render_page(_TEMPLATE, record=record).encode("utf-8"))
 
 
 def _devices(run: Run) -> Iterator[tuple[str, str]]:

@@ -69,7 +69,7 @@ def decode_again(
         return _told(darkroom.decoded(watch))
 
 
-def work_out_error_budget(
+def compute_error_budget(
     folder: Path, record: RunRecord, on_event: EventListener | None
 ) -> tuple[ErrorRow, ...]:
     """What the error of a run's answer comes from (`Run.error_budget`). Raises DecodeError."""

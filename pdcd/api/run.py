@@ -266,14 +266,14 @@ class Run:
 
         progress : as of a capture.
         """
-        from pdcd.api.decoding import work_out_error_budget
+        from pdcd.api.decoding import compute_error_budget
 
         self.manifest.require_photos()
         for name in (CODES, FRAMES):
             if name in self.manifest.files:
                 self.checked(name)
         with show_progress(progress) as on_event:
-            return work_out_error_budget(self.folder, self.manifest.run, on_event)
+            return compute_error_budget(self.folder, self.manifest.run, on_event)
 
     def report(self, out: Path | str | None = None) -> Path:
         """Write the page of the run, one file for a browser, and return where it is.

@@ -92,7 +92,7 @@ def examine_bench(config: Config) -> Iterator[Finding]:
     yield from examine_shutter(config, click=False)
 
 
-def accept_bench(args: argparse.Namespace) -> int:
+def diagnose_bench(args: argparse.Namespace) -> int:
     """Run the acceptance checks, two captures among them; fails when any of them does."""
     from pdcd.api.acceptance import check_acceptance, write_acceptance
 

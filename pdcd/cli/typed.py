@@ -95,7 +95,7 @@ doctor trigger  doctor:diagnose_trigger  look at the shutter, and click it if to
   @device
   --click                     open the shutter, and close it again
   --seconds S=1.0             how long to hold it open
-doctor bench  doctor:accept_bench  run the acceptance checks of a bench in front of a white card
+doctor bench  doctor:diagnose_bench  run the acceptance checks of a bench in front of a white card
   @device
   --page FILE                 write them as a page to print
   --out DIR                   where its two runs go

@@ -108,6 +108,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "doctor display": {"doctor_command": "display", "config": None, "display": None},
     "doctor camera": {"doctor_command": "camera", "config": None, "raw": None},
     "doctor trigger": {"doctor_command": "trigger", "config": None, "click": False, "seconds": 1.0},
+    "doctor bench": {"doctor_command": "bench", "config": None, "page": None, "out": None},
     "calibrate": {
         **ANY_RIG, "step": [], "scene": False, "marks": "auto", "anew": False, "again": None,
         "out": None, "yes": False, "queue": False, "local": False,
