@@ -14,6 +14,7 @@ from pdcd.pages.render import encode_page_json
 from pdcd.pages.report.facts import MOST_ROWS, ReportTable, list_tables
 from pdcd.pages.report.write import render_report_page
 from pdcd.protocol.result import Quality
+from pdcd.verdict.error_budget import ErrorRow
 
 
 def manifest(**fields: Any) -> Any:
@@ -35,7 +36,8 @@ def material(layers: dict[str, Any] | None = None, **fields: Any) -> Any:
     told = {"quads": 1.0, "left_out": (), "data": [{"kind": "picture"}], "size_px": (4, 3),
             "scale": 1.0, "balance": (1.0, 1.0, 1.0), **(layers or {})}  # fmt: skip
     made = {"kind": "measured", "budget": [], "answer": "indirect", "matrices": [], "shots": [],
-            "slice_png": b"", "layers": SimpleNamespace(**told), **fields}  # fmt: skip
+            "errors": (), "slice_png": b"",
+            "layers": SimpleNamespace(**told), **fields}  # fmt: skip
     return SimpleNamespace(**made)
 
 
@@ -161,3 +163,18 @@ def test_data_ends_no_element_and_has_no_value_that_is_no_number() -> None:
 def test_a_picture_of_entries_is_there_where_they_were_photographed() -> None:
     assert "<img" not in shown()
     assert 'src="data:image/png;base64,cG5n"' in shown(made=material(slice_png=b"png"))
+
+
+def test_the_error_budget_has_no_number_where_nobody_knows() -> None:
+    rows = (
+        ErrorRow("scale", None, None, "nobody <knows>"),
+        ErrorRow("noise", 0.0123, 0.5, "by a profile"),
+    )
+    made = material(errors=rows)
+    found = table("Error budget", manifest(), made)
+    assert [*found.rows] == [
+        ("scale", "not known", "not known", "nobody <knows>"),
+        ("noise", "1.23 %", "0.5", "by a profile"),
+    ]
+    assert "nobody &lt;knows&gt;" in shown(made=made)
+    assert "Error budget" not in shown()
