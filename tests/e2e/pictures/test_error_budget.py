@@ -147,7 +147,8 @@ def test_slow_panels_are_in_the_row_of_timing(skew_s: float) -> None:
 def test_the_row_of_maps_grows_as_the_error_of_a_mask_that_lies_elsewhere(tmp_path: Path) -> None:
     """It is the error bars' own figure, which knows about two fifths of that error."""
     panels: dict[str, Any] = {"size_px": [1024, 768]}
-    asked = {"projector": panels, "mask": panels, "camera": {"frame_quads": [128, 96], "seed": 1}}
+    asked: dict[str, Any] = {"projector": panels, "mask": panels}
+    asked["camera"] = {"frame_quads": [128, 96], "seed": 1}
     assert share(take(**asked), "maps") < 0.01
     true, told = [], []
     for offset_px in (3.0, 6.0):  # of cells of 64 pixels
