@@ -57,6 +57,6 @@ class BenchDmdUsb:
     maturity = "experimental"
 
     @classmethod
-    def create(cls, context: DriverContext) -> VirtualDmdBus:
+    def create(cls, context: DriverContext) -> VirtualDmdBus[VirtualDlpc900]:
         """`make_bench_bus` of the rig. Raises ConfigError for a bench that cannot be."""
         return make_bench_bus(context)

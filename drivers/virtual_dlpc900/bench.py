@@ -36,7 +36,7 @@ def make_bench_bus(
     context: DriverContext,
     options: tuple[VirtualDmdOptions, VirtualDmdOptions] | None = None,
     faults: tuple[Sequence[VirtualDmdFault], Sequence[VirtualDmdFault]] = ((), ()),
-) -> VirtualDmdBus:
+) -> VirtualDmdBus[VirtualDlpc900]:
     """A pyusb backend with the projector and the mask of this rig's mock bench, in that order.
 
     Where no options are given, they answer triggers as `phase_s` and `jitter_s` of the bench's

@@ -17,8 +17,6 @@ mirrors (panels have rise and fall times for that).
 from __future__ import annotations
 
 import struct
-import threading
-from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import ClassVar, Literal, NamedTuple
 
@@ -27,6 +25,7 @@ from pdcd.driver import Clock
 from .decode import DecodedWords
 from .memory import PatternMemory
 from .model import (
+    VIRTUAL_USB_IDS,
     DmdRegister,
     RefusalCode,
     RefusedError,
@@ -34,8 +33,9 @@ from .model import (
     VirtualDmdModel,
     VirtualDmdOptions,
 )
+from .plug import ReportController
 from .registers import REGISTER_LENGTHS, TRIGGER_REGISTERS, DmdRegisters
-from .reports import ReportAssembler, TakenCommand
+from .reports import TakenCommand
 from .sequencer import DmdSequencer, PlayedContent, PlayedEntry, PlayedProgram
 from .video import VideoInput
 
@@ -59,11 +59,10 @@ class _Command(NamedTuple):
     read: Callable[[VirtualDlpc900], bytes] | None = None
 
 
-class VirtualDlpc900:
-    """One controller with its mirrors. Safe for several threads.
+class VirtualDlpc900(ReportController):
+    """One controller with its mirrors. Safe for several threads."""
 
-    reports : that came and went. unplug_at : the report at which the plug is pulled.
-    """
+    usb_ids, product = VIRTUAL_USB_IDS, "DLPC900"
 
     def __init__(
         self,
@@ -73,22 +72,11 @@ class VirtualDlpc900:
         options: VirtualDmdOptions | None = None,
         faults: Sequence[VirtualDmdFault] = (),
     ) -> None:
-        self.clock, self.model, self.serial = clock, model, serial
         self.options = options or VirtualDmdOptions()
-        self.faults = tuple(faults)
-        self.reports = 0
-        self.unplug_at: int | None = None
-        self.plugged_again = 0
-        self.hung_until_ns = 0
-        """Until then no report goes either way."""
+        super().__init__(clock, serial, self.options.report_s, faults, self.options.replies_kept)
+        self.model = model
         self.sequencer = DmdSequencer(self.options)
         self.memory = PatternMemory(model, self.options)
-        self._lock = threading.RLock()
-        self._assembler = ReportAssembler()
-        self._replies: deque[bytes] = deque(maxlen=self.options.replies_kept)
-        self._held: bytes | None = None
-        self._calls: Counter[int] = Counter()
-        self._out, self._gone_until_ns = False, 0
         self._locks_ns: int | None = None
         self._acked = False
         self._abort_after: int | None = None
@@ -97,33 +85,14 @@ class VirtualDlpc900:
         self._registers = DmdRegisters(model.least_exposure_us)
         self._boot(clock.now_ns())
 
-    # The plug
-
-    @property
-    def plugged(self) -> bool:
-        """Whether it is on the USB."""
-        return not self._out and self.clock.now_ns() >= self._gone_until_ns
-
-    def unplug(self) -> None:
-        """Pull the plug of the USB."""
-        with self._lock:
-            self._out = True
-            self._forget_reports()
-
-    def replug(self) -> None:
-        """Put it back."""
-        self._out = False
-        self.plugged_again += 1
-
     def restart(self) -> None:
         """Switch it off and on: it is away for some seconds, and begins with what is in its
         flash."""
         with self._lock:
             now_ns = self.clock.now_ns()
-            self._gone_until_ns = now_ns + _BOOT_NS
-            self.plugged_again += 1
+            self._leave_until(now_ns + _BOOT_NS)
             self.sequencer.darken(now_ns)
-            self._boot(self._gone_until_ns)
+            self._boot(now_ns + _BOOT_NS)
 
     def _boot(self, at_ns: int) -> None:
         self._forget_reports()
@@ -135,66 +104,6 @@ class VirtualDlpc900:
         if self.options.startup:
             shown = PlayedEntry(1_000_000, 0, False, False, False, 0, 0)
             self.sequencer.start(at_ns, PlayedProgram([shown], [0], [self.memory.startup], 0))
-
-    # Reports
-
-    def count_report(self) -> None:
-        """One report went either way; at one of them the plug may be pulled."""
-        self.reports += 1
-        if self.unplug_at is not None and self.reports >= self.unplug_at:
-            self.unplug_at = None
-            self.unplug()
-
-    def write_report(self, report: bytes) -> None:
-        """Take a report; a command that is whole is done."""
-        with self._lock:
-            command = self._assembler.add(report)
-            if command is not None:
-                self._take(command)
-
-    def read_report(self) -> bytes | None:
-        """The next reply, 64 bytes; None where there is none."""
-        with self._lock:
-            return self._replies.popleft() if self._replies else None
-
-    def leave_stale(self, *sequences: int) -> None:
-        """Replies of commands long ago wait to be fetched."""
-        self._replies += [bytes([0x40, number]).ljust(64, b"\0") for number in sequences]
-
-    def _forget_reports(self) -> None:
-        self._assembler.forget()
-        self._replies.clear()
-        self._held = None
-
-    def _take(self, command: TakenCommand) -> None:
-        fault = self._meet(command.code)
-        kind = None if fault is None else fault.kind
-        if fault is not None and kind == "busy":
-            self.hung_until_ns = self.clock.now_ns() + round(fault.seconds * 1e9)
-        if kind == "unplug":
-            return self.unplug()
-        if kind == "reset":
-            return self.restart()
-        if kind == "deaf":
-            return
-        reply = self._answer(command, fault)
-        if not command.wants_reply or kind == "mute" or not self.plugged:
-            return
-        held, self._held = self._held, None
-        if kind == "late":
-            self._held = reply
-            return
-        self._replies.append(reply)
-        if held is not None:
-            self._replies.append(held)
-
-    def _meet(self, code: int) -> VirtualDmdFault | None:
-        self._calls[code] += 1
-        call = self._calls[code]
-        for fault in self.faults:
-            if fault.command == code and fault.first <= call < fault.first + fault.times:
-                return fault
-        return None
 
     def _answer(self, command: TakenCommand, fault: VirtualDmdFault | None) -> bytes:
         """Do it, and say how that went."""

@@ -1,4 +1,4 @@
-"""Virtual DLPC900s on one USB: a pyusb backend that real pyusb code drives unchanged.
+"""Virtual DMD controllers on one USB: a pyusb backend that real pyusb code drives unchanged.
 
 Give it to ``usb.core.find(find_all=True, backend=...)``. Errors are those that libusb raises on
 Linux, where the kernel's HID driver holds each device until it is detached. One report takes its
@@ -11,7 +11,7 @@ from __future__ import annotations
 import array
 from collections.abc import Iterator
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import usb.backend
 
@@ -22,13 +22,13 @@ from ..virtual_usb import (
     make_usb_error,
     require_first,
 )
-from .controller import VirtualDlpc900
-from .model import VIRTUAL_USB_IDS
+from .plug import ReportController
 from .reports import USB_REPORT_LENGTH
 
 _IN, _OUT = 0x81, 0x01
 _FIRST_ADDRESS = 20
 _FULL_SPEED, _INTERRUPT, _HID = 2, 3, 3
+_Device = TypeVar("_Device", bound=ReportController)
 _LONG_MS = 10_000
 """How long a transfer without a time-out waits, for which libusb would wait for ever."""
 
@@ -36,18 +36,18 @@ _LONG_MS = 10_000
 class _Opened:
     """An opened device; of no use once it has come back under another address."""
 
-    def __init__(self, device: VirtualDlpc900, address: int) -> None:
+    def __init__(self, device: ReportController, address: int) -> None:
         self.device, self.address = device, address
 
 
-class VirtualDmdBus(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no types
+class VirtualDmdBus(usb.backend.IBackend, Generic[_Device]):  # type: ignore[misc]  # pyusb has no types
     """A USB with devices on it. Its methods are those that pyusb documents of a backend.
 
     kernel_driver : whether the kernel takes hold of devices that are plugged in.
     held_by_other : serial numbers of devices that another program has claimed.
     """
 
-    def __init__(self, *devices: VirtualDlpc900, kernel_driver: bool = True) -> None:
+    def __init__(self, *devices: _Device, kernel_driver: bool = True) -> None:
         super().__init__()
         self.devices = devices
         self.kernel_driver = kernel_driver
@@ -56,7 +56,7 @@ class VirtualDmdBus(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no
         self._claimed: dict[int, _Opened] = {}
         self._free_ns: dict[int, int] = {}
 
-    def address_of(self, device: VirtualDlpc900) -> int:
+    def address_of(self, device: ReportController) -> int:
         """Of a device; another one each time it comes back."""
         turn = len(self.devices) * device.plugged_again
         return _FIRST_ADDRESS + self.devices.index(device) + turn
@@ -75,7 +75,7 @@ class VirtualDmdBus(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no
 
     def get_device_descriptor(self, dev: Any) -> Any:
         """USB 1.1, full speed."""
-        (vendor, product), port = VIRTUAL_USB_IDS, 1 + self.devices.index(dev.device)
+        (vendor, product), port = dev.device.usb_ids, 1 + self.devices.index(dev.device)
         return SimpleNamespace(
             bLength=18, bDescriptorType=1, bcdUSB=0x0110, bDeviceClass=0, bDeviceSubClass=0,
             bDeviceProtocol=0, bMaxPacketSize0=64, idVendor=vendor, idProduct=product,
@@ -226,13 +226,14 @@ class VirtualDmdBus(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no
         self._alive(dev_handle)
         if (bmRequestType, bRequest, wValue >> 8) != (0x80, 6, STRING_DESCRIPTOR):
             raise make_usb_error(LibusbCode.PIPE)
-        texts = "Texas Instruments", "DLPC900", dev_handle.device.serial
+        device = dev_handle.device
+        texts = "Texas Instruments", device.product, device.serial
         reply = make_string_descriptor(wValue & 0xFF, texts)
         count = min(len(reply), len(data))
         memoryview(data).cast("B")[:count] = reply[:count]
         return count
 
-    def _claim_of(self, handle: _Opened, ep: int, wanted: int) -> VirtualDlpc900:
+    def _claim_of(self, handle: _Opened, ep: int, wanted: int) -> ReportController:
         """The device of a handle that is there and claimed, for an endpoint that there is."""
         self._alive(handle)
         if self._claimed.get(handle.address) is not handle:
@@ -249,7 +250,7 @@ class VirtualDmdBus(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no
         """Wait while one report goes over, after those of this device that came before it."""
         device = handle.device
         now_ns, free_ns = device.clock.now_ns(), self._free_ns.get(handle.address, 0)
-        until_ns = max(now_ns, free_ns, device.hung_until_ns) + round(device.options.report_s * 1e9)
+        until_ns = max(now_ns, free_ns, device.hung_until_ns) + round(device.report_s * 1e9)
         late_ns = now_ns + (timeout_ms or _LONG_MS) * 1_000_000
         device.clock.sleep_until_ns(min(until_ns, late_ns))
         if until_ns > late_ns:
