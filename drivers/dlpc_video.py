@@ -37,13 +37,16 @@ from pdcd.presenter.examine import examine_display
 from pdcd.presenter.messages import Open, Ready
 
 from .dlpc900.device import PLANES, DmdPanel, apply_to_each
+from .dlpc900.dlpc350 import Dlpc350Dmd, Dlpc350Panel, Dlpc350Ways
 from .dlpc900.doctor import make_bars
 from .dlpc900.link import DeviceLink, choose_device, list_devices
 from .dlpc900.options import Dlpc900Options, DmdOptions
-from .dlpc900.video import PlaneTimes, VideoDmd, divide_picture
+from .dlpc900.video import PlaneTimes, VideoDmd, VideoEntry, divide_picture
 from .x11 import X11Display, build_frame_log
 
 _ROLES = ("projector", "mask")
+_CONTROLLERS = "DLPC900", "DLPC350"
+_KINDS = " or ".join(_CONTROLLERS)
 _TOLD = ("DMD", "firmware")
 _SHOWN_S = 10.0
 
@@ -54,7 +57,12 @@ class DlpcVideoOptions(DmdOptions, frozen=True, forbid_unknown_fields=True, kw_o
     dark_us: Annotated[int, Meta(ge=0, le=20_000)] = 0
     """For how long mirrors are dark after each plane."""
     vsync_bit: Literal[0, 1] = 1
-    """Whether the first entry is told to wait for a trigger, which is the picture here."""
+    """Of a DLPC900: whether the first entry is told to wait for a trigger, which is the picture
+    here."""
+    vsync_trigger: Literal[0, 1, 2] = 1
+    """Of a DLPC350: trigger of the first entry: internal, external positive, external negative."""
+    lock_from: Literal["signal", "main"] = "signal"
+    """Of a DLPC350: what tells that a signal is locked: 0x071C, or bit 3 of 0x1A0C."""
 
 
 def read_video_options(config: Config) -> tuple[Config, DlpcVideoOptions]:
@@ -162,12 +170,10 @@ class DlpcVideoDisplay(X11Display):
         `load` go on from there."""
         self.load(frames)
         process = self._running()
-        longest, least_us = self._divide(process.ready.refresh_hz, 0)
-        step_us = 2 * (longest.plane_us - least_us) // PLANES
-        wedge = [PlaneTimes(least_us + n * step_us, 0) for n in range(PLANES)]
+        longest = self._divide(process.ready.refresh_hz, 0)
         with self._lock:
             for dmd in self._dmds:
-                dmd.follow(wedge)
+                dmd.follow(dmd.make_wedge(longest))
                 dmd.follows = False  # not as frames want it: the next `load` sets it up anew
         process.show(0)
 
@@ -190,7 +196,7 @@ class DlpcVideoDisplay(X11Display):
         return process
 
     def _follow(self, refresh_hz: float) -> None:
-        times, _ = self._divide(refresh_hz, self._options.dark_us)
+        times = self._divide(refresh_hz, self._options.dark_us)
         for dmd in self._dmds:
             if dmd.follows and times == self._times:
                 try:
@@ -198,31 +204,30 @@ class DlpcVideoDisplay(X11Display):
                     continue
                 except SyncError:
                     pass  # set up anew, before any light
-            dmd.follow([times] * PLANES)
+            dmd.follow([VideoEntry(bit, times) for bit in range(PLANES)])
         self._times = times
 
-    def _divide(self, refresh_hz: float, dark_us: int) -> tuple[PlaneTimes, int]:
-        """The planes of a picture, by the quickest rate that it may have, and the shortest of all
-        exposures."""
-        least_us = max(dmd.panel.least_us for dmd in self._dmds)
-        panels = self._config.projector, self._config.mask
-        quickest_hz = max(refresh_hz, *(panel.refresh_hz for panel in panels))
-        return divide_picture(quickest_hz, dark_us, least_us), least_us
+    def _divide(self, refresh_hz: float, dark_us: int) -> PlaneTimes:
+        """The planes of a picture, by the quickest rate that it may have, for both devices."""
+        dmds, panels = self._dmds, (self._config.projector, self._config.mask)
+        return divide_picture(
+            max(refresh_hz, *(panel.refresh_hz for panel in panels)),
+            dark_us,
+            max(dmd.panel.least_us for dmd in dmds),
+            black_us=max(dmd.black_us for dmd in dmds),
+            least_dark_us=max(dmd.least_dark_us for dmd in dmds),
+        )
 
     def _open_dmds(self) -> None:
         """Find both devices, and make them black; none is kept open where one fails."""
         options, config, patience = self._options, self._config, self._context.patience
-        found = list_devices(self._context.usb_backend(options.usb))
-        shared = {name: getattr(options, name) for name in DmdOptions.__struct_fields__}
-        known = Dlpc900Options(**shared)
+        found = list_devices(self._context.usb_backend(options.usb), *_CONTROLLERS)
         opened: list[VideoDmd] = []
         try:
             for role, table in zip(_ROLES, (config.projector, config.mask), strict=True):
-                device = choose_device(found, getattr(options, role), role)
+                device = choose_device(found, getattr(options, role), role, _KINDS)
                 link = DeviceLink(device, role, patience.look)
-                make = partial(DmdPanel, link, known, self._context.clock, table.size_px)
-                ways = options.led, options.trigger_bit, options.vsync_bit
-                opened.append(VideoDmd(link, make, ways, patience))
+                opened.append(self._make_dmd(link, table.size_px))
                 opened[-1].make_black()
         except BaseException:
             with suppress(PdcdError), patience.deaf():
@@ -231,6 +236,18 @@ class DlpcVideoDisplay(X11Display):
                 dmd.link.close()
             raise
         self._dmds = opened
+
+    def _make_dmd(self, link: DeviceLink, size_px: tuple[int, int]) -> VideoDmd:
+        """What drives the controller that is there."""
+        options, patience = self._options, self._context.patience
+        if link.found.controller == "DLPC350":
+            parked = partial(Dlpc350Panel, link, options.rest, size_px, patience)
+            ways = Dlpc350Ways(options.led, options.vsync_trigger, options.lock_from)
+            return Dlpc350Dmd(link, parked, ways, patience)
+        shared = {name: getattr(options, name) for name in DmdOptions.__struct_fields__}
+        known = Dlpc900Options(**shared)
+        make = partial(DmdPanel, link, known, self._context.clock, size_px)
+        return VideoDmd(link, make, (options.led, options.trigger_bit, options.vsync_bit), patience)
 
     def _see_that_black(self, dmd: VideoDmd) -> None:
         """Its pictures are black: see that it shows them, or make it black without."""
@@ -265,8 +282,8 @@ def examine_dlpc_video(context: DriverContext) -> Iterator[Finding]:
     try:
         config, options = read_video_options(context.config)
         yield from examine_display(config)
-        for found in list_devices(context.usb_backend(options.usb)):
-            yield Finding("DLPC900", "good", found.name)
+        for found in list_devices(context.usb_backend(options.usb), *_CONTROLLERS):
+            yield Finding(found.controller, "good", found.name)
         display = DlpcVideoDisplay.create(context)
         try:
             info = display.connect()

@@ -88,10 +88,13 @@ def entry_bytes(
 
 
 class DmdClient:
-    """One device, opened by pyusb."""
+    """One device, opened by pyusb. product : of a DLPC350, which has no error codes: -1 is all."""
 
-    def __init__(self, backend: Any, serial: str | None = None, detach: bool = True) -> None:
-        found = usb.core.find(find_all=True, backend=backend, idVendor=VENDOR, idProduct=PRODUCT)
+    def __init__(
+        self, backend: Any, serial: str | None = None, detach: bool = True, product: int = PRODUCT
+    ) -> None:
+        self.product = product
+        found = usb.core.find(find_all=True, backend=backend, idVendor=VENDOR, idProduct=product)
         self.device = next(
             device for device in found if serial is None or device.serial_number == serial
         )
@@ -132,6 +135,8 @@ class DmdClient:
 
     def error(self) -> int:
         """The code of the last error."""
+        if self.product != PRODUCT:
+            return -1
         self.send(0x0100, flags=0xC0)
         return self.fetch()[2][0]
 

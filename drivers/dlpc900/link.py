@@ -1,4 +1,4 @@
-"""One DLPC900 on the USB: found, claimed, and asked.
+"""One controller on the USB, a DLPC900 or a DLPC350: found, claimed, and asked.
 
 It is a HID device, but nothing of HID matters: reports of 64 bytes go out to one endpoint and come
 from the other. The kernel's usbhid holds it, and takes it back afterwards.
@@ -28,7 +28,8 @@ from .commands import (
     pack_command,
 )
 
-_IDS = (0x0451, 0xC900)
+_VENDOR = 0x0451
+_PRODUCTS = {"DLPC900": 0xC900, "DLPC350": 0x6401}
 _INTERFACE, _OUT, _IN = 0, 0x01, 0x81
 _ANSWER_S = 1.0
 """Longest that one report, or an answer, may be waited for."""
@@ -46,11 +47,12 @@ class _NoAnswer(DeviceLost):
 
 
 class FoundDevice(NamedTuple):
-    """A DLPC900 on the USB. serial : None where it has none, or may not be asked."""
+    """One on the USB. serial : None where it has none, or may not be asked."""
 
     device: Any
     serial: str | None
     port: str
+    controller: str
 
     @property
     def name(self) -> str:
@@ -58,15 +60,19 @@ class FoundDevice(NamedTuple):
         return f"{self.serial or 'no serial number'} on port {self.port}"
 
 
-def list_devices(backend: object) -> list[FoundDevice]:
-    """Every DLPC900 there is. backend : of pyusb; None is the machine's libusb.
+def list_devices(backend: object, *controllers: str) -> list[FoundDevice]:
+    """Every one there is of these controllers; without any, every DLPC900.
 
-    Raises DriverUnavailable, DeviceLost.
+    backend : of pyusb; None is the machine's libusb. Raises DriverUnavailable, DeviceLost.
     """
-    vendor, product = _IDS
     try:
-        found = usb.core.find(find_all=True, backend=backend, idVendor=vendor, idProduct=product)
-        return [FoundDevice(one, _read_serial(one), _read_port(one)) for one in found]
+        return [
+            FoundDevice(one, _read_serial(one), _read_port(one), name)
+            for name in controllers or ("DLPC900",)
+            for one in usb.core.find(
+                find_all=True, backend=backend, idVendor=_VENDOR, idProduct=_PRODUCTS[name]
+            )
+        ]
     except usb.core.NoBackendError as err:
         raise DriverUnavailable(
             "libusb is not installed", device="display", hint="install libusb-1.0"
@@ -77,8 +83,10 @@ def list_devices(backend: object) -> list[FoundDevice]:
         ) from err
 
 
-def choose_device(found: list[FoundDevice], wanted: str, role: str) -> FoundDevice:
-    """The device of that serial number, or on that port. Raises DeviceLost."""
+def choose_device(
+    found: list[FoundDevice], wanted: str, role: str, kind: str = "DLPC900"
+) -> FoundDevice:
+    """The device of that serial number, or on that port. kind : for messages. Raises DeviceLost."""
     fitting = [one for one in found if wanted in (one.serial, one.port)]
     if len(fitting) == 1:
         return fitting[0]
@@ -91,7 +99,7 @@ def choose_device(found: list[FoundDevice], wanted: str, role: str) -> FoundDevi
         )
     unknown = any(one.serial is None for one in found)
     raise DeviceLost(
-        f"no DLPC900 is {wanted!r}; found: {there}",
+        f"no {kind} is {wanted!r}; found: {there}",
         device=role,
         hint=_PERMISSION_HINT if unknown else "switch it on, check its cable and the serial number",
     )
@@ -111,6 +119,7 @@ class DeviceLink:
     def __init__(self, found: FoundDevice, role: str, look: Callable[[], None]) -> None:
         self.found, self.role = found, role
         self._device, self._look = found.device, look
+        self._has_codes = found.controller == "DLPC900"
         self.lost = False
         self._lock = threading.Lock()
         self._sequence = 0
@@ -124,7 +133,7 @@ class DeviceLink:
             raise self._refused(err) from err
         self._flush()
 
-    def ask(self, command: Command, data: bytes = b"") -> bytes:
+    def ask(self, command: int, data: bytes = b"") -> bytes:
         """Read something: the data of the answer."""
         with self._lock:
             answer = self._transact(READ | ANSWER, command, data)
@@ -132,7 +141,7 @@ class DeviceLink:
                 raise self._explain(command)
             return answer
 
-    def try_ask(self, command: Command) -> bytes | None:
+    def try_ask(self, command: int) -> bytes | None:
         """The same of what not every firmware knows: None where it is refused, or passed over."""
         with self._lock:
             try:
@@ -140,11 +149,11 @@ class DeviceLink:
             except _NoAnswer:
                 self.lost = False
                 return None
-            if answer is None:
+            if answer is None and self._has_codes:
                 self._read_code()  # or it would be taken for that of a later command
             return answer
 
-    def tell(self, command: Command, data: bytes) -> None:
+    def tell(self, command: int, data: bytes) -> None:
         """Write something, and wait until it was taken."""
         with self._lock:
             if self._transact(ANSWER, command, data) is None:
@@ -170,8 +179,10 @@ class DeviceLink:
         with suppress(usb.core.USBError):
             usb.util.dispose_resources(self._device)
 
-    def _explain(self, command: Command) -> Exception:
+    def _explain(self, command: int) -> Exception:
         """The error of a command that was refused just now."""
+        if not self._has_codes:
+            return make_refusal(self.role, command, None, "")
         return make_refusal(self.role, command, self._read_code(), self._read_text())
 
     def _read_code(self) -> int | None:
@@ -182,7 +193,7 @@ class DeviceLink:
         answer = self._transact(READ | ANSWER, Command.ERROR_TEXT, b"") or b""
         return to_one_line(answer.partition(b"\0")[0].decode("ascii", "replace"))
 
-    def _transact(self, flags: int, command: Command, data: bytes) -> bytes | None:
+    def _transact(self, flags: int, command: int, data: bytes) -> bytes | None:
         """Send a command; data of its answer, where one is wanted. None: it was refused."""
         self._look()
         self._sequence = self._sequence % 255 + 1

@@ -2,7 +2,7 @@
 
 Commands and their order are those of TI's guide: video mode, until the signal is locked, then
 video-pattern mode, then a table of one entry a bit. Whatever goes wrong ends in the plane without
-light that `DmdPanel` loads, which needs no signal.
+light that `DmdPanel` loads, which needs no signal. What differs with a DLPC350 is in `dlpc350`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from pdcd.driver import ConfigError, DeviceLost, Patience, PdcdError, SyncError
 
@@ -25,17 +25,15 @@ from .commands import (
     pack_entry,
     pack_table,
 )
-from .device import PLANES, DmdPanel
+from .device import PLANES
 from .link import DeviceLink
 
-_LOCK_S, _CHANGE_S, _READY_S, _PAUSE_S = 5.0, 0.3, 3.0, 0.02
-"""How long a signal may take to be locked; what the guide has for the change of mode; how long the
-device may take beyond that; until it is asked again."""
-_BLACK_US = 105
-"""The black pattern that the guide has before an entry that waits."""
+LOCK_S, READY_S, _CHANGE_S, _PAUSE_S = 5.0, 3.0, 0.3, 0.02
+"""How long a signal may take to be locked; how long the device may take for anything else, beyond
+what the guide has for a change of mode; until it is asked again."""
 _CLOCKS_OFF = 2e-3
 """By how much a picture may be shorter, by the device's clock, than it was measured to be."""
-_SIGNAL_HINT = (
+SIGNAL_HINT = (
     "check the video cable and that the mode is the mirrors' own; TI's program says whether the "
     "board's receiver is switched to that input"
 )
@@ -53,9 +51,22 @@ class PlaneTimes(NamedTuple):
         return self.exposure_us + self.dark_us
 
 
-def divide_picture(refresh_hz: float, dark_us: int, least_us: int) -> PlaneTimes:
-    """The longest equal planes that fit a picture. Raises ConfigError where they are too short."""
-    plane_us = int((1e6 / refresh_hz * (1.0 - _CLOCKS_OFF) - _BLACK_US) // PLANES)
+def divide_picture(
+    refresh_hz: float, dark_us: int, least_us: int, *, black_us: int = 105, least_dark_us: int = 0
+) -> PlaneTimes:
+    """The longest equal planes that fit a picture.
+
+    least_us : the shortest exposure. black_us : from the last plane until a picture may begin.
+    least_dark_us : the shortest dark time beside none. Raises ConfigError for planes that no device
+    shows.
+    """
+    if 0 < dark_us < least_dark_us:
+        raise ConfigError(
+            f"mirrors are dark for {least_dark_us} us or not at all, not for {dark_us} us",
+            device="display",
+            hint=f"set dlpc.dark_us to 0, or to {least_dark_us} or more",
+        )
+    plane_us = int((1e6 / refresh_hz * (1.0 - _CLOCKS_OFF) - black_us) // PLANES)
     if plane_us - dark_us < least_us:
         raise ConfigError(
             f"planes of {plane_us} us, {dark_us} us of them dark, are too short: the device lights "
@@ -66,17 +77,42 @@ def divide_picture(refresh_hz: float, dark_us: int, least_us: int) -> PlaneTimes
     return PlaneTimes(plane_us - dark_us, dark_us)
 
 
+class VideoEntry(NamedTuple):
+    """What one entry shows: a bit of the picture, for these times."""
+
+    bit: int
+    times: PlaneTimes
+
+
+class BlackPanel(Protocol):
+    """A device by itself, which is black without a signal."""
+
+    kind: str
+    firmware: str
+    least_us: int
+
+    def take_over(self) -> None:
+        """Make it black, and see what it is."""
+
+    def close(self) -> None:
+        """Leave it as the options say, and let it go."""
+
+
 class VideoDmd:
     """A DMD that shows the bits of a video signal once `follow` has returned, and is black before.
 
     make_panel : the same device in the mode in which it needs no signal, as if never seen before.
     options : LEDs, trigger bit and bit 7 of the first entry. Raises what `DeviceLink` does.
+    black_us, least_dark_us : see `divide_picture`.
     """
+
+    black_us, least_dark_us, mode = 105, 0, VIDEO_PATTERN
+    """The black pattern that the guide has before an entry that waits; any dark time will do."""
 
     def __init__(
         self,
         link: DeviceLink,
-        make_panel: Callable[[], DmdPanel],
+        make_panel: Callable[[], BlackPanel],
         options: tuple[int, int, int],
         patience: Patience,
     ) -> None:
@@ -92,15 +128,25 @@ class VideoDmd:
         self.panel = self._make_panel()
         self.panel.take_over()
 
-    def follow(self, times: Sequence[PlaneTimes]) -> None:
-        """Show the 24 bits of each picture, for these times. Raises DeviceLost where there is no
-        signal, and what a refusal is; the device is black then."""
+    def follow(self, entries: Sequence[VideoEntry]) -> None:
+        """Show these bits of each picture. Raises DeviceLost where there is no signal, and what a
+        refusal is; the device is black then."""
+        self.follows = False
         try:
-            self._set_up(times)
+            self._set_up(entries)
+            self.check()
         except BaseException:
             with suppress(PdcdError), self._patience.deaf():
                 self.make_black()
             raise
+        self.follows = True
+
+    def make_wedge(self, longest: PlaneTimes) -> list[VideoEntry]:
+        """Entries that light each plane longer than the one before it, and fit where 24 of these
+        do."""
+        least_us = self.panel.least_us
+        step_us = 2 * (longest.plane_us - least_us) // PLANES
+        return [VideoEntry(n, PlaneTimes(least_us + n * step_us, 0)) for n in range(PLANES)]
 
     def check(self) -> None:
         """Raise SyncError where it does not follow the signal any more."""
@@ -108,14 +154,14 @@ class VideoDmd:
         mode = self.link.ask(Command.MODE)[:1]
         bad = self._read_hardware() & ~self._status
         what = None
-        if not main & Main.LOCKED:
+        if not self._is_locked():
             what = "has no video signal"
         elif bad & (Hardware.ABORTED | Hardware.SEQUENCE_FAULT):
             what = f"gave up its sequence ({bad.name})"
-        elif mode != bytes([VIDEO_PATTERN]) or not main & Main.RUNNING:
+        elif mode != bytes([self.mode]) or not main & Main.RUNNING:
             what = "does not show the planes of its signal any more"
         if what is not None:
-            raise SyncError(what, device=self.role, hint=_SIGNAL_HINT)
+            raise SyncError(what, device=self.role, hint=SIGNAL_HINT)
 
     def close(self) -> None:
         """Leave it as the options say, and let it go."""
@@ -125,42 +171,40 @@ class VideoDmd:
         finally:
             self.panel.close()
 
-    def _set_up(self, times: Sequence[PlaneTimes]) -> None:
-        link, self.follows = self.link, False
+    def _set_up(self, entries: Sequence[VideoEntry]) -> None:
+        link = self.link
         self._tell(Command.RUN, STOP)
         self._tell(Command.MODE, VIDEO)
-        locked = partial(self._has, Main.LOCKED)
-        self._wait_until(locked, _LOCK_S, "finds no video signal", _SIGNAL_HINT)
+        self._wait_until(self._is_locked, LOCK_S, "finds no video signal", SIGNAL_HINT)
         self._tell(Command.MODE, VIDEO_PATTERN)
         self._patience.sleep(_CHANGE_S)
         self._wait_until(
             lambda: link.ask(Command.MODE)[:1] == bytes([VIDEO_PATTERN]),
-            _READY_S,
+            READY_S,
             "does not take the bits of its video signal",
-            _SIGNAL_HINT,
+            SIGNAL_HINT,
         )
         self._tell(Command.RUN, STOP)  # may have started something by itself
         led, trigger, waits = self._options
-        for bit, one in enumerate(times):
-            ways = (waits if bit == 0 else 0, led, trigger)
-            link.tell(
-                Command.ENTRY, pack_entry(bit, (one.exposure_us, one.dark_us), (0, bit), ways)
-            )
-        link.tell(Command.TABLE, pack_table(len(times), 0))
+        for n, (bit, times) in enumerate(entries):
+            ways = (waits if n == 0 else 0, led, trigger)
+            link.tell(Command.ENTRY, pack_entry(n, times, (0, bit), ways))
+        link.tell(Command.TABLE, pack_table(len(entries), 0))
         told = link.try_ask(Command.TABLE)
-        if told is not None and told[:2] != len(times).to_bytes(2, "little"):
+        if told is not None and told[:2] != len(entries).to_bytes(2, "little"):
             raise ConfigError(
                 "did not take its table", device=self.role, hint="update its firmware"
             )
         self._status = self._read_hardware()
         self._tell(Command.RUN, START)
         running = partial(self._has, Main.RUNNING)
-        self._wait_until(running, _READY_S, "does not start its planes", _SIGNAL_HINT)
-        self.check()
-        self.follows = True
+        self._wait_until(running, READY_S, "does not start its planes", SIGNAL_HINT)
 
-    def _tell(self, command: Command, value: int) -> None:
+    def _tell(self, command: int, value: int) -> None:
         self.link.tell(command, bytes([value]))
+
+    def _is_locked(self) -> bool:
+        return self._has(Main.LOCKED)
 
     def _has(self, flag: Main) -> bool:
         return bool(Main(self.link.ask(Command.MAIN)[0]) & flag)
@@ -169,9 +213,14 @@ class VideoDmd:
         return Hardware(self.link.ask(Command.HARDWARE)[0])
 
     def _wait_until(self, done: Callable[[], bool], within_s: float, what: str, hint: str) -> None:
-        def over() -> DeviceLost:
-            return DeviceLost(what, device=self.role, hint=hint)
+        over = DeviceLost(what, device=self.role, hint=hint)
+        wait_until(self._patience, done, within_s, over)
 
-        with self._patience.within(within_s, over):
-            while not done():
-                self._patience.sleep(_PAUSE_S)
+
+def wait_until(
+    patience: Patience, done: Callable[[], bool], within_s: float, over: DeviceLost
+) -> None:
+    """Ask again and again; raise `over` where that takes too long."""
+    with patience.within(within_s, lambda: over):
+        while not done():
+            patience.sleep(_PAUSE_S)

@@ -9,134 +9,34 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers import dlpc_video, x11
+from drivers import dlpc_video
 from drivers.dlpc900.video import divide_picture
 from drivers.dlpc_video import DlpcVideoDisplay, examine_dlpc_video
-from drivers.virtual_dlpc900 import VirtualDlpc900, VirtualDmdFault, VirtualDmdOptions
+from drivers.virtual_dlpc900 import VirtualDmdFault
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DriverContext, Finding, SharedState
-from pdcd.bench.placed import panels_of
 from pdcd.bench.registry import load_driver
-from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
 from pdcd.errors import ConfigError, DeviceLost, PdcdError, SyncError
-from pdcd.panels.draw import draw_planes
 from pdcd.panels.frames import split_dark_times
-from pdcd.presenter.messages import LOG_COLUMNS, Column, Ready
-from tests import bench_rig
+from pdcd.presenter.messages import Ready
 from tests.dlpc_video_rig import (
     DLPC,
+    PERIOD_NS,
+    SIZES,
+    Presenter,
+    VideoBench,
+    assert_log_is_shown,
+    config,
     is_dark,
-    join_channels,
-    make_video_display,
-    make_video_dmds,
-    read_played,
+    play,
+    presenter,
 )
-from tests.panel_pixels import planned, random_frames
+from tests.panel_pixels import random_frames
 
-SIZE = (256, 192)
-LIT = np.full(SIZE[::-1], 0xFFFFFF, np.uint32)
-PERIOD_NS = round(1e9 / 60)
+__all__ = ["presenter"]
+pytestmark = pytest.mark.usefixtures("presenter")
+LIT = np.full(SIZES["dlpc900"][::-1], 0xFFFFFF, np.uint32)
 MODE, RUN, TABLE, ENTRY = 0x1A1B, 0x1A24, 0x1A31, 0x1A34
-
-
-class Presenter:
-    """Stands in for the display process: its pictures come every 60th of a second."""
-
-    ready = Ready("clock", 60.0, {}, 0.0)
-    fault: Exception | None = None
-    begin_ns = 0
-    said: list[str]
-
-    def __init__(self, *_: Any) -> None:
-        self.alive = True
-        self.said.append("start")
-
-    def load(self, _: Any) -> None:
-        self.said.append("load")
-
-    def show(self, _: int) -> None:
-        self.said.append("show")
-
-    def black(self) -> None:
-        self.said.append("black")
-        if self.fault is not None:
-            raise self.fault
-
-    def close(self) -> None:
-        self.alive = False
-        self.said.append("close")
-
-    def play(self, primal: Any, *_: Any, **__: Any) -> Any:
-        log = np.zeros((len(primal) + 1, LOG_COLUMNS), dtype=np.int64)
-        log[:, Column.MSC] = np.arange(len(log))
-        log[:, Column.NS] = self.begin_ns + log[:, Column.MSC] * PERIOD_NS
-        return log
-
-
-@pytest.fixture(autouse=True)
-def presenter(monkeypatch: pytest.MonkeyPatch) -> type[Presenter]:
-    monkeypatch.setattr(x11, "DisplayProcess", Presenter)
-    Presenter.said, Presenter.fault, Presenter.begin_ns = [], None, 0
-    return Presenter
-
-
-def config(folder: Path, *, shown: dict[str, Any] | None = None, **dlpc: Any) -> Config:
-    options = {"projector": "A", "mask": "B", "dlpc": {**DLPC, **dlpc}}
-    panel = PanelConfig(size_px=SIZE)
-    given: dict[str, Any] = {"planes_per_refresh": 24, "options": options, **(shown or {})}
-    return bench_rig.config(
-        folder,
-        rig=RigConfig(clock="real", on_miss="flag"),
-        display=DisplayConfig(driver="dlpc-video", **given),
-        projector=panel,
-        mask=panel,
-    )
-
-
-class VideoBench:
-    """Both devices, all commands they were sent, and the driver."""
-
-    def __init__(self, folder: Path, *faults: VirtualDmdFault, dlpc: Any = None, **how: Any):
-        self.clock = VirtualClock()
-        self.dmds = make_video_dmds((SIZE, SIZE), self.clock, faults=faults, **how)
-        self.sent = [listen(device) for device in self.dmds]
-        self.cancelled = False
-        self.display = make_video_display(
-            config(folder, **(dlpc or {})),
-            self.dmds,
-            self.clock,
-            cancelled=lambda: self.cancelled,
-        )
-
-    def stays_dark(self, device: VirtualDlpc900) -> bool:
-        """Whether it is dark, and no picture on its signal lights it."""
-        now_ns = self.clock.now_ns()
-        dark = is_dark(device)
-        device.drive_video(LIT, now_ns)
-        return dark and is_dark(device)
-
-
-def listen(device: VirtualDlpc900) -> list[tuple[int, bytes]]:
-    """Writes that a device is sent, as they come."""
-    found: list[tuple[int, bytes]] = []
-    held, take = bytearray(), device.write_report
-
-    def write_report(report: bytes) -> None:
-        held.extend(report)
-        flags, _, length, command = struct.unpack_from("<BBHH", held)
-        if len(held) >= 4 + length:
-            if not flags & 0x80:
-                found.append((command, bytes(held[6 : 4 + length])))
-            held.clear()
-        take(report)
-
-    device.write_report = write_report  # type: ignore[method-assign]
-    return found
-
-
-def play(display: DlpcVideoDisplay, rows: int) -> Any:
-    display.load(random_frames((6, 8), "whole", rows))
-    return display.play(lambda *_: None, lambda: False)
 
 
 def test_the_registry_knows_it() -> None:
@@ -252,7 +152,7 @@ def test_a_cancel_while_the_signal_is_waited_for_ends_black(tmp_path: Path) -> N
 def test_a_signal_lost_while_a_picture_stood_is_an_error_and_then_black(
     tmp_path: Path, after_stop: Any
 ) -> None:
-    bench = VideoBench(tmp_path, options=VirtualDmdOptions(after_stop=after_stop, report_s=0.0))
+    bench = VideoBench(tmp_path, after_stop=after_stop)
     bench.display.load(random_frames((6, 8), "whole", 24))
     mask, now_ns = bench.dmds[1], bench.clock.now_ns()
     mask.drive_video(LIT, now_ns)
@@ -324,10 +224,9 @@ def test_it_is_left_as_the_options_say_and_no_signal_lights_it(tmp_path: Path, r
 
 
 def test_a_unit_that_wants_the_first_entry_otherwise_says_so(tmp_path: Path) -> None:
-    given = VirtualDmdOptions(video_waits=0, report_s=0.0)
     with pytest.raises(ConfigError, match="code 16"):
-        VideoBench(tmp_path, options=given).display.connect()
-    VideoBench(tmp_path, options=given, dlpc={"vsync_bit": 0}).display.connect()
+        VideoBench(tmp_path, video_waits=0).display.connect()
+    VideoBench(tmp_path, video_waits=0, dlpc={"vsync_bit": 0}).display.connect()
 
 
 def test_the_log_has_the_times_of_the_table(tmp_path: Path) -> None:
@@ -350,31 +249,8 @@ def test_the_log_has_the_times_of_the_table(tmp_path: Path) -> None:
 
 
 def test_the_log_is_what_mirrors_show_to_a_microsecond(tmp_path: Path) -> None:
-    """Each picture as it is drawn, fed to both devices when the log has it begin."""
     bench = VideoBench(tmp_path, dlpc={"dark_us": 40})
-    Presenter.begin_ns = bench.clock.now_ns() + 5 * 10**9
-    frames = random_frames((6, 8), "whole", 48)
-    bench.display.load(frames)
-    log = bench.display.play(lambda *_: None, lambda: False)
-    views, lit, wrong = panels_of(bench.display._config), split_dark_times(log), 0
-    sides = (
-        (bench.dmds[0], views.projector, lit.primal_shown, lit.primal_ns),
-        (bench.dmds[1], views.mask, lit.dual_shown, lit.dual_ns),
-    )
-    for device, view, shown, starts_ns in sides:
-        for first in (0, 24):
-            words = join_channels(draw_planes(frames, view, range(first, first + 24), "GRB"))
-            device.drive_video(words, Presenter.begin_ns + PERIOD_NS * (first // 24))
-        played = read_played(device, Presenter.begin_ns, int(log.end_ns[0]))
-        # Mirrors are told twice to be dark: after the last plane, and until the next picture.
-        twice = [plane is played[n - 1][1] is None for n, (_, plane) in enumerate(played)]
-        played = [one for one, again in zip(played, twice, strict=True) if not again]
-        assert len(played) == len(shown) == 95
-        for (at_ns, plane), row, start_ns in zip(played, shown, starts_ns, strict=True):
-            assert abs(at_ns - start_ns) <= 1000 and (plane is None) is bool(row < 0)
-            if plane is not None:
-                wrong += int(np.count_nonzero(plane != (planned(frames, int(row), view) > 0)))
-    assert wrong == 0
+    assert_log_is_shown(bench)
 
 
 @pytest.mark.parametrize(("lag_s", "warned"), [(0.0, 0), (40e-6, 0), (41e-6, 1), (None, 1)])
