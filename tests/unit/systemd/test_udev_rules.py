@@ -26,7 +26,7 @@ def lines(*, commented: bool) -> list[str]:
 @pytest.mark.parametrize("commented", [False, True])
 def test_every_rule_is_terms_that_udev_knows(commented: bool) -> None:
     found = lines(commented=commented)
-    assert len(found) == (2 if commented else 4)
+    assert len(found) == (2 if commented else 5)
     for line in found:
         for term in line.split(", "):
             assert _TERM.fullmatch(term), term
