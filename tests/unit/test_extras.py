@@ -22,6 +22,7 @@ OTHERS = re.compile(r"pip install ['\"]?pdcd|['\"`]pdcd\[|pdcd\[(?:dev|web|plots
 
 TOLD = ("pdcd", "drivers", "docs", "examples", "systemd", "config", ".ci", "README.md", "Makefile",
         "pyproject.toml", "CITATION.cff")  # fmt: skip
+NO_TEXT = (".png", ".jpg", ".pyc", ".npz", ".tif", ".dng")
 
 
 @pytest.fixture
@@ -130,7 +131,7 @@ def test_nothing_says_to_install_another_program() -> None:
     for top in TOLD:
         files = [ROOT / top] if (ROOT / top).is_file() else sorted((ROOT / top).rglob("*"))
         for file in files:
-            if file.suffix in (".png", ".jpg", ".pyc", ".npz", ".tif", ".dng") or not file.is_file():
+            if file.suffix in NO_TEXT or not file.is_file():
                 continue
             for line in file.read_text(encoding="utf-8").splitlines():
                 if OTHERS.search(line):
