@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from drivers import x11
 from drivers.dlpc_video import DlpcVideoDisplay
-from drivers.virtual_dlpc350 import VirtualDlpc350, VirtualDlpc350Options
 from drivers.virtual_dlpc900 import (
     VirtualDlpc900,
     VirtualDmdBus,
@@ -30,6 +29,7 @@ from pdcd.panels.frames import Frames, split_dark_times
 from pdcd.presenter.messages import LOG_COLUMNS, Column, Ready
 from tests import bench_rig
 from tests.panel_pixels import planned, random_frames
+from tests.virtual_dlpc350 import VirtualDlpc350, VirtualDlpc350Options
 
 SERIALS = "VIDEO-P", "VIDEO-M"
 REFRESH_HZ = 60.0

@@ -89,11 +89,8 @@ class Dlpc350Panel:
 
     def take_over(self) -> None:
         """Make it black, and see what it is."""
-        link, unanswered = self.link, None
-        try:
-            link.tell(_Command.RUN, bytes([STOP]))
-        except DeviceLost as err:  # in video mode it may refuse that
-            unanswered = err if link.lost else None
+        link = self.link
+        unanswered = _stop(link)
         link.tell(_Command.POWER, bytes([STANDBY]))
         hint = "switch it off, or cover it: it may be lit"
         over = DeviceLost("does not park its mirrors", device=self.role, hint=hint)
@@ -157,7 +154,8 @@ class Dlpc350Dmd(VideoDmd):
 
     def _set_up(self, entries: Sequence[VideoEntry]) -> None:
         link = self.link
-        self._tell(_Command.RUN, STOP)
+        if (unanswered := _stop(link)) is not None:
+            raise unanswered
         self._tell(_Command.POWER, NORMAL)
         awake = lambda: not self._has(Main.PARKED)  # noqa: E731
         self._wait_until(awake, _WAKE_S, "stays parked", "switch it off and on")
@@ -225,3 +223,12 @@ class Dlpc350Dmd(VideoDmd):
 
 def _read_main(link: DeviceLink) -> Main:
     return Main(link.ask(_Command.MAIN)[0])
+
+
+def _stop(link: DeviceLink) -> DeviceLost | None:
+    """Stop its planes; what went wrong where the link is lost. In video mode it may refuse."""
+    try:
+        link.tell(_Command.RUN, bytes([STOP]))
+    except DeviceLost as err:
+        return err if link.lost else None
+    return None

@@ -16,11 +16,11 @@ import numpy as np
 
 from pdcd.api.local import LocalBench
 from pdcd.api.run import Run
-from pdcd.arrays import Floats
+from pdcd.arrays import Bools, Floats
 from pdcd.bench.calibration import read_calibration
 from pdcd.bench.devices import Finding
-from pdcd.bench.measured import choose_calibration_folder
 from pdcd.bench.tables import Config
+from pdcd.calibration.steps import order_steps
 from pdcd.files.put import replace_file
 from pdcd.pages.render import render_page
 from pdcd.pictures.darkroom import Darkroom
@@ -59,8 +59,15 @@ class AcceptanceRecord:
 
     @property
     def accepted(self) -> bool:
-        """Whether nothing failed. What was not tried is said on the page."""
+        """Whether nothing failed."""
         return all(row.state != "fail" for row in self.rows)
+
+    @property
+    def result(self) -> str:
+        """The same in words, with what was not tried."""
+        untried = ", ".join(row.check for row in self.rows if row.state == "not tried")
+        words = "accepted" if self.accepted else "not accepted"
+        return f"{words}; not tried: {untried}" if untried else words
 
 
 def check_acceptance(
@@ -68,11 +75,12 @@ def check_acceptance(
 ) -> AcceptanceRecord:
     """Take the photos and work out all rows. A flat white card is taken to stand there. For
     `pdcd doctor bench`. findings : of the doctors. folder : where the runs go. Raises PdcdError."""
-    rows = [*_doctor_rows(findings), *_calibration_rows(config)]
+    rows = [*_doctor_rows(findings)]
     with LocalBench(config, folder) as bench:
         first, second = (bench.capture("direct", seed=seed, progress=False) for seed in (0, 1))
-        devices = tuple(_devices(first))
-    rows += _photo_rows(config, first, second)
+        passed_over = bench.note
+    rows += [*_calibration_rows(first, passed_over), *_photo_rows(config, first, second)]
+    devices = tuple(_devices(first))
     when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     return AcceptanceRecord(config.rig.name, when, devices, tuple(rows))
 
@@ -92,7 +100,7 @@ def _devices(run: Run) -> Iterator[tuple[str, str]]:
 
 
 def _doctor_rows(findings: Iterable[Finding]) -> Iterator[AcceptanceRow]:
-    states: dict[str, _State] = {"fault": "fail", "unknown": "not tried"}
+    states: dict[str, _State] = {"fault": "fail", "warning": "pass", "unknown": "not tried"}
     worst = [one for one in findings if one.state in states]
     if not worst:
         yield AcceptanceRow("devices", "pass", "nothing to mend", "nothing to mend")
@@ -102,19 +110,29 @@ def _doctor_rows(findings: Iterable[Finding]) -> Iterator[AcceptanceRow]:
         )
 
 
-def _calibration_rows(config: Config) -> Iterator[AcceptanceRow]:
-    folder = choose_calibration_folder(config)
-    if folder is None:
+def _calibration_rows(run: Run, passed_over: str) -> Iterator[AcceptanceRow]:
+    """The calibration that a run went by, and which were passed over, in words."""
+    used = run.manifest.config["calibration"]
+    if used.get("sha256") is None:
         yield AcceptanceRow(
-            "calibration", "fail", "none is in use", "one that fits", "run pdcd calibrate"
-        )
-        return
-    record, _ = read_calibration(folder)
-    for step in record.steps:
-        yield AcceptanceRow(
-            f"calibration: {step.name}", "fail" if step.verdict == "bad" else "pass",
-            f"{step.verdict}, {step.made_utc[:10]}", "not bad", "; ".join(step.advice),
+            "calibration", "fail", passed_over or "none is in use", "one that fits",
+            "run pdcd calibrate",
         )  # fmt: skip
+        return
+    record, _ = read_calibration(Path(used["use"]))
+    if passed_over:
+        yield AcceptanceRow("calibration", "pass", passed_over, "one that fits")
+    for step in record.steps:
+        bad = step.verdict == "bad" or step.name in record.left_out
+        yield AcceptanceRow(
+            f"calibration: {step.name}", "fail" if bad else "pass",
+            record.left_out.get(step.name, f"{step.verdict}, {step.made_utc[:10]}"), "not bad",
+            "; ".join(step.advice),
+        )  # fmt: skip
+    made = {step.name for step in record.steps} | set(record.taken_over)
+    if absent := [name for name in order_steps(()) if name not in made]:
+        found = f"not made by it: {', '.join(absent)}; those of one before are used"
+        yield AcceptanceRow("calibration: other steps", "not tried", found, "all made")
 
 
 def _photo_rows(config: Config, first: Run, second: Run) -> Iterator[AcceptanceRow]:
@@ -165,10 +183,12 @@ def _light_rows(config: Config, run: Run) -> Iterator[AcceptanceRow]:
     )  # fmt: skip
     dark = record.dark or record.room
     if dark is None:
-        yield AcceptanceRow("dark", "pass", "nothing was seen by the dark photos", "")
+        looked = any(one.peak is None for one in run.manifest.meter)
+        found = "nothing was seen by the dark photos" if looked else "no dark photo was taken"
+        yield AcceptanceRow("dark", "pass" if looked else "not tried", found, "")
     else:
         light = Darkroom(run.folder, record).ambient(dark).light
-        share = float(np.mean(light) / np.mean(white))
+        share = float(np.mean(light[_find_field(run)]) / np.mean(white))
         yield _row(
             "dark", share <= ROOM_LIGHT,
             f"{to_percent(share)} of white" if share > 1e-4 else "under 0.01 % of white",
@@ -192,6 +212,8 @@ def _light_rows(config: Config, run: Run) -> Iterator[AcceptanceRow]:
 def _compared(first: Run, second: Run) -> Iterator[AcceptanceRow]:
     """Whether two photos of the same thing differ by what their error bars say."""
     made = [run.decode(progress=False).pictures for run in (first, second)]
+    # Outside the field, and where a sample is full, nothing is known: bars are infinite.
+    known = np.logical_and.reduce([np.isfinite(one.sigma) for two in made for one in two.values()])
     off = {name: made[0][name].image - made[1][name].image for name in ("white", "direct")}
     for check, name, bars, most, advice in (
         ("noise", "white", [one["white"].sensor for one in made], NOISE_OFF,
@@ -199,25 +221,29 @@ def _compared(first: Run, second: Run) -> Iterator[AcceptanceRow]:
         ("repeatability", "direct", [one["direct"].sigma for one in made], REPEAT_OFF,
          "see that lamp, card and mounts are steady"),
     ):  # fmt: skip
-        times = _rms(off[name] / np.hypot(*bars))
+        times = _rms((off[name] / np.hypot(*bars))[known])
         yield _row(
             check, times <= most, f"two {name} photos differ by {times:.2f} times their error bars",
             f"at most {most:g} times", advice,
         )  # fmt: skip
     rest = made[0]["indirect"].image + made[1]["direct"].image - made[0]["white"].image
-    share = _rms(rest) / _rms(made[0]["white"].image)
+    share = _rms(rest[known]) / _rms(made[0]["white"].image[known])
     yield _row(
         "direct and indirect add up to white", share <= SUM_OFF, f"{to_percent(share)} left over",
         f"at most {to_percent(SUM_OFF)} of white", "see that lamp and room are steady",
     )  # fmt: skip
 
 
+def _find_field(run: Run) -> Bools:
+    """Where the field is, at the camera's quads."""
+    return np.asarray(run.pictures["white"].max(axis=-1) > 0.0)
+
+
 def _lit(run: Run, name: str) -> Floats:
     """A picture where the field is, (n,) and colours, as float64."""
-    picture = run.pictures[name].astype(np.float64)
-    return np.asarray(picture[run.pictures["white"].max(axis=-1) > 0.0])
+    return run.pictures[name].astype(np.float64)[_find_field(run)]
 
 
 def _rms(values: Floats) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else np.inf
+    """Of values that are known; of none it is infinite, which no limit allows."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else np.inf

@@ -38,7 +38,11 @@ _DISPLAY_DOCTORS = {
 
 def diagnose_display(args: argparse.Namespace) -> int:
     """Look at both panels, and at their X server; fails when anything must be mended."""
-    findings = _examine_panels(load_config(args.config), args.display)
+    from pdcd.api.signals import send_signals_to
+
+    config = load_config(args.config)
+    with send_signals_to(signal.default_int_handler):  # which leaves panels black on its way out
+        findings = list(_examine_panels(config, args.display))
     return _report(findings, as_json=args.json)
 
 
@@ -95,11 +99,11 @@ def examine_bench(config: Config) -> Iterator[Finding]:
 def diagnose_bench(args: argparse.Namespace) -> int:
     """Run the acceptance checks, two captures among them; fails when any of them does."""
     from pdcd.api.acceptance import check_acceptance, write_acceptance
+    from pdcd.api.signals import send_signals_to
 
     config = load_config(args.config)
-    record = check_acceptance(config, list(examine_bench(config)), args.out)
-    if args.page is not None:
-        write_acceptance(record, args.page)
+    with send_signals_to(signal.default_int_handler):  # which leaves panels black on its way out
+        record = check_acceptance(config, list(examine_bench(config)), args.out)
     if args.json:
         say_json({"accepted": record.accepted, "bench": record.bench, "rows": record.rows})
     else:
@@ -107,7 +111,9 @@ def diagnose_bench(args: argparse.Namespace) -> int:
         for row in record.rows:
             if row.state == "fail" and row.advice:
                 say_text(f"{row.check}: {row.advice}")
-        say_text("accepted" if record.accepted else "not accepted")
+        say_text(record.result)
+    if args.page is not None:
+        write_acceptance(record, args.page)
     return DONE if record.accepted else FAILED
 
 

@@ -11,7 +11,7 @@ import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 _OWN_FLAGS = ("O_PATH", "O_DIRECTORY", "O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_NOCTTY")
@@ -49,6 +49,8 @@ class PathCalls:
         path = _joined(name, dir_fd)
         if not flags & os.O_CREAT:
             found = path.lstat() if flags & self.O_NOFOLLOW else path.stat()
+            if flags & self.O_NOFOLLOW and getattr(found, "st_reparse_tag", 0):  # a junction
+                raise _error(errno.ELOOP, path)
             if flags & self.O_DIRECTORY and not stat.S_ISDIR(found.st_mode):
                 raise _error(errno.ENOTDIR, path)
             if flags & (self.O_PATH | self.O_DIRECTORY):
@@ -144,7 +146,11 @@ def _joined(name: Path | str, folder: int | None) -> Path:
         raise _error(errno.EBADF, Path(name))
     if name == "..":
         return folder.path.parent
-    return folder.path if name == "." else folder.path / name
+    if name == ".":
+        return folder.path
+    if not isinstance(name, str) or PureWindowsPath(name).name != name or ":" in name:
+        raise _error(errno.EINVAL, folder.path / name)  # it would lead elsewhere
+    return folder.path / name
 
 
 def _error(number: int, path: Path) -> OSError:

@@ -42,6 +42,8 @@ def find_name_fault(name: str) -> str | None:
         return "its name leads out of the folder"
     if b"" in parts or b"." in parts:
         return "its name has empty parts"
+    if "\\" in name or ":" in name:
+        return "its name leads elsewhere on other systems"
     if any(ord(letter) < 0x20 or ord(letter) == 0x7F for letter in name):
         return "its name has control characters"
     if len(parts) > MAX_NAME_PARTS or any(len(part) > 255 for part in parts):

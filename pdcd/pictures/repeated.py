@@ -37,6 +37,7 @@ class RepeatedMatrices:
             panel.rise_s == panel.fall_s == 0.0 and panel.contrast is None for panel in panels
         )
         self._skews_ns = [1e9 * panel.skew_s for panel in panels]
+        self._scan_ns = 1e9 * max(abs(panel.scan_s) for panel in panels)
         self._known: dict[str, _Shown] = {}
 
     def find(self, shot: ShotRecord, frames: Frames, log: FrameLog) -> RealisedMatrix | None:
@@ -75,7 +76,7 @@ class RepeatedMatrices:
         if not self._at_once or shot.level != 1.0 or not len(log):
             return False
         first_ns = min(log.primal_ns[0], log.dual_ns[0]) + min(0.0, *self._skews_ns)
-        last_ns = log.end_ns.max() + max(0.0, *self._skews_ns)
+        last_ns = log.end_ns.max() + max(0.0, *self._skews_ns) + self._scan_ns
         return bool(shot.open_ns <= first_ns and last_ns <= shot.close_ns)
 
 

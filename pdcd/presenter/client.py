@@ -90,7 +90,7 @@ class DisplayProcess:
         alive: Callable[[], object] = lambda: None,
         look: Callable[[], object] | None = None,
     ) -> None:
-        require_bench("glfw", "moderngl")
+        require_bench("glfw", "moderngl", "Xlib")
         self._child = start_child(_COMMAND, REPLIES, what="the display process", error=_lost)
         self._line = self._child.line
         self._pulse = look or alive

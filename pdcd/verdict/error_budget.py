@@ -73,7 +73,8 @@ def _list_causes(seen: Evidence, light: float) -> Iterator[tuple[str, float | No
     if record.scale is None:
         yield "scale", None, "nobody knows how bright a unit is"
     else:
-        yield "scale", record.scale.sigma, f"common to all pixels; {record.scale.source}"
+        known = "common to all pixels" if record.scale.sigma is not None else "nobody measured it"
+        yield "scale", record.scale.sigma, f"{known}; {record.scale.source}"
     yield "stops", *_stops(seen, light)
     yield "maps", *_maps(seen, light)
     yield "timing", *_timing(seen, light)
@@ -92,10 +93,8 @@ def _list_causes(seen: Evidence, light: float) -> Iterator[tuple[str, float | No
 
 
 def _stops(seen: Evidence, light: float) -> tuple[float | None, str]:
-    numbers, share = (
-        sorted({shot.f_number for shot in seen.records}),
-        _of_cause(seen, "stops", light),
-    )
+    numbers = sorted({shot.f_number for shot in seen.records})
+    share = _of_cause(seen, "stops", light)
     if len(numbers) <= 1 and not share:
         return 0.0, "all photos of the answer were taken at one stop"
     if not seen.record.stops:
@@ -107,19 +106,20 @@ def _maps(seen: Evidence, light: float) -> tuple[float | None, str]:
     look = seen.record.panels
     if look is None or look.mask is None:
         why = "no photos of blocks" if look is None or not look.why else look.why
-        return None, f"nobody looked where the panels lie: {why}"
+        return _of_part(seen, "maps", light, f"nobody looked where the panels lie: {why}")
     source = f"photos of blocks, which place the mask to {look.sigma_px:.2g} projector pixels"
     return _of_cause(seen, "maps", light), source
 
 
 def _timing(seen: Evidence, light: float) -> tuple[float | None, str]:
     if any(not shot.verified for shot in seen.records):
-        return None, "presentation times are not verified"
+        return _of_part(seen, "timing", light, "presentation times are not verified")
     if seen.decoded.answer.kind == "whole":
         return 0.0, "no codes were shown"
     left = find_direct_left(seen)
     if left is None:
-        return None, "no picture tells how much direct light gets through as the panels switch"
+        why = "no picture tells how much direct light gets through as the panels switch"
+        return _of_part(seen, "timing", light, why)
     if left.weight < _LEAST:
         return 0.0, "by the frame log the panels let no direct light through"
     through = f"{to_percent(left.weight)} of the direct light gets through, by the frame log"
@@ -135,6 +135,12 @@ def _codes(seen: Evidence, light: float) -> tuple[float | None, str]:
     if made.kind == "sensor":
         return None, "fewer than four parts were taken"
     return _of_cause(seen, "codes", light), "by what the parts of the photo differ in"
+
+
+def _of_part(seen: Evidence, cause: ErrorCause, light: float, why: str) -> tuple[float | None, str]:
+    """What error bars have of a cause that is not known whole, and why it is not."""
+    share = _of_cause(seen, cause, light)
+    return (share, f"what error bars have of it; {why}") if share else (None, why)
 
 
 def _of_cause(seen: Evidence, cause: ErrorCause, light: float) -> float:

@@ -26,7 +26,14 @@ SEEDS = (1, 2, 3)
 LAG = {"rise_s": 0.003, "fall_s": 0.005}
 
 
-def take(seed: int = 1, *, codes: int = 128, parts: int = 4, **tables: dict[str, Any]) -> Run:
+def take(
+    seed: int = 1,
+    *,
+    goal: Any = "indirect",
+    codes: int = 128,
+    parts: int = 4,
+    **tables: dict[str, Any],
+) -> Run:
     given: dict[str, dict[str, Any]] = {
         "projector": {"size_px": [128, 96]},
         "mask": {"size_px": [128, 96]},
@@ -37,9 +44,7 @@ def take(seed: int = 1, *, codes: int = 128, parts: int = 4, **tables: dict[str,
     for name, more in tables.items():
         given[name] = {**given.get(name, {}), **more}
     with pdcd.local(given) as bench:
-        return bench.capture(
-            "indirect", codes=codes, seed=seed, pilot=0, parts=parts, progress=False
-        )
+        return bench.capture(goal, codes=codes, seed=seed, pilot=0, parts=parts, progress=False)
 
 
 def rows_of(run: Run) -> dict[str, ErrorRow]:
@@ -172,6 +177,16 @@ def test_what_nobody_knows_has_no_number() -> None:
     few = rows_of(take(parts=1))
     assert few["codes"].share is None
     assert few["all"].share == pytest.approx(few["noise"].share, rel=0.01)
+
+
+def test_a_budget_is_no_less_than_what_error_bars_have() -> None:
+    """Of an answer of two photos nobody tells how much direct light got through; what error bars
+    have of that is in the budget all the same."""
+    late = {"projector": LAG, "mask": LAG | {"skew_s": 0.003}}
+    run = take(goal="direct", **late)
+    rows = rows_of(run)
+    assert rows["timing"].share is not None and rows["all"].share is not None
+    assert rows["all"].share >= 0.99 * run.rms_sigma
 
 
 def test_scale_and_stops_are_what_the_calibration_states() -> None:

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.virtual_dlpc350 import VirtualDlpc350, VirtualDlpc350Options
 from drivers.virtual_dlpc900 import VirtualDmdBus
 from pdcd.bench.clock import VirtualClock
 from tests.dlpc_video_rig import is_dark, read_played
 from tests.dmd_client import DmdClient
+from tests.virtual_dlpc350 import VirtualDlpc350, VirtualDlpc350Options
 
 POWER, SIGNAL, MAIN, VALIDATE, MODE, RUN = 0x0200, 0x071C, 0x1A0C, 0x1A1A, 0x1A1B, 0x1A24
 SOURCE, TRIGGER, TIMES, TABLE = 0x1A22, 0x1A23, 0x1A29, 0x1A31
@@ -201,7 +201,7 @@ def test_where_the_lock_of_a_signal_is_told() -> None:
 
 PYCRAFTER = """
 import numpy as np, usb.core
-from drivers.virtual_dlpc350 import VirtualDlpc350, VirtualDlpc350Options
+from tests.virtual_dlpc350 import VirtualDlpc350, VirtualDlpc350Options
 from drivers.virtual_dlpc900 import VirtualDmdBus
 from pdcd.bench.clock import RealClock
 device = VirtualDlpc350(RealClock(), "A1", VirtualDlpc350Options(validate_s=0.001, mode_s=0.01))

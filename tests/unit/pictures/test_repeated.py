@@ -108,6 +108,16 @@ def test_what_differs_in_anything_is_worked_out_anew(frames: Frames) -> None:
     assert known.find(dimmed, frames, log) is None
 
 
+def test_rows_that_a_panel_scans_are_not_cut_by_the_shutter(frames: Frames) -> None:
+    """The last band of a panel that is scanned ends later by that time."""
+    slow = make_panel(scan_s=0.012)
+    known, log = RepeatedMatrices(slow, MASK), make_log(frames, 100_000)
+    for close_ns, kept in ((int(log.end_ns.max()) + 1_000_000, False), (100_000_000, True)):
+        shot = make_shot(0, close_ns)
+        known.keep(shot, frames, log, RealisedMatrix(realise(frames, log, shot, slow)))
+        assert (known.find(make_shot(0, 100_000_000), frames, log) is not None) == kept
+
+
 @pytest.mark.parametrize("more", [{"rise_s": 1e-4}, {"fall_s": 1e-4}, {"contrast": 500.0}])
 def test_panels_that_are_slow_or_not_black_never_repeat(
     frames: Frames, more: dict[str, float]

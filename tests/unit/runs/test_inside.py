@@ -38,6 +38,8 @@ from pdcd.runs import manifest, provenance
         ("raw/" + "é" * 128, "too long"),  # 256 bytes, whatever the letters
         ("/".join("a" * 17), "too long"),
         ("/etc/passwd", "absolute"),
+        ("..\\secret", "elsewhere on other systems"),
+        ("C:evil", "elsewhere on other systems"),
         ("../x", "leads out"),
         ("raw/../x", "leads out"),
         ("raw/..", "leads out"),

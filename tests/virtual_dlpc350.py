@@ -21,18 +21,19 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.virtual_dlpc900.model import VirtualDmdFault
+from drivers.virtual_dlpc900.plug import ReportController
+from drivers.virtual_dlpc900.reports import TakenCommand
+from drivers.virtual_dlpc900.sequencer import PlayedContent, PlayedPlane
 from pdcd.driver import Clock
-
-from .virtual_dlpc900.model import VirtualDmdFault
-from .virtual_dlpc900.plug import ReportController
-from .virtual_dlpc900.reports import TakenCommand
-from .virtual_dlpc900.sequencer import PlayedContent, PlayedPlane
 
 MIRRORS_PX = (912, 1140)
 _PLANES, _LUT_ENTRIES = 24, 128
 _BLACK_US = 230
 """What the guide has for a black pattern, and for any time beside the exposure."""
 _BOOT_NS = 3_000_000_000
+_KEPT = 4096
+"""Changes of what it shows that can be asked for later."""
 _OUT_OF_RANGE, _BAD_PATTERN, _OVERLAP, _NO_BLACK, _TOO_CLOSE, _BUSY = 1, 2, 4, 8, 16, 128
 """Bits of a validation; the first two let nothing start."""
 _CONTINUES = 3
@@ -197,6 +198,7 @@ class VirtualDlpc350(ReportController):
         while self._past[-1][0] >= at_ns:
             self._past.pop()
         self._past.append((at_ns, content))
+        del self._past[:-_KEPT]
 
     def _stop(self, at_ns: int) -> None:
         if self._mode_at(at_ns) == 1:
@@ -219,8 +221,9 @@ class VirtualDlpc350(ReportController):
         try:
             if kind == "error":
                 raise _RefusedError
-            if fault is not None and kind == "abort":
-                self._abort_after = fault.patterns
+            if not command.reads:
+                aborts = fault is not None and kind == "abort"
+                self._abort_after = fault.patterns if fault is not None and aborts else None
             return command.answer(self._do(command))
         except _RefusedError:
             return command.answer(failed=True)
