@@ -182,8 +182,7 @@ def test_what_nobody_knows_has_no_number() -> None:
 def test_a_budget_is_no_less_than_what_error_bars_have() -> None:
     """Of an answer of two photos nobody tells how much direct light got through; what error bars
     have of that is in the budget all the same."""
-    late = {"projector": LAG, "mask": LAG | {"skew_s": 0.003}}
-    run = take(goal="direct", **late)
+    run = take(goal="direct", projector=LAG, mask=LAG | {"skew_s": 0.003})
     assert share(run, "timing") > 0.0
     assert run.rms_sigma is not None
     assert share(run, "all") >= 0.99 * run.rms_sigma
