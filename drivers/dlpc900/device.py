@@ -195,22 +195,12 @@ class DmdPanel:
 
     def _identify(self) -> None:
         """What it is; raises DeviceLost for one that is not fit, ConfigError for another size."""
-        status = self._hardware()
-        wrong = status & (Hardware.INCOMPATIBLE | Hardware.RESET_FAULT | Hardware.FORCED_SWAP)
-        if wrong or not status & Hardware.READY:
-            why = wrong.name or "not initialised"
-            raise DeviceLost(
-                f"is not fit to work: {why} (status {int(status):#04x})",
-                device=self.role,
-                hint="check the cable to its mirrors, switch it off and on, update its firmware",
-            )
+        faults = Hardware.INCOMPATIBLE | Hardware.RESET_FAULT | Hardware.FORCED_SWAP
+        status = require_healthy(self.link, faults, ", update its firmware")
         self._halves = [(Command.PICTURE_BEGIN, Command.PICTURE_DATA)]
         if status & Hardware.SECONDARY:
             self._halves.append((Command.SECOND_BEGIN, Command.SECOND_DATA))
-        version = self.link.try_ask(Command.VERSION) or b""
-        if len(version) >= 4:
-            patch = int.from_bytes(version[:2], "little")
-            self.firmware = f"{version[3]}.{version[2]}.{patch}"
+        self.firmware = read_firmware(self.link)
         told = self.link.try_ask(Command.KIND) or b"\0"
         if told[0] not in DMD_KINDS:
             return
@@ -343,6 +333,28 @@ class DmdPanel:
             if self._clock.now_ns() >= until_ns:
                 raise DeviceLost(what, device=self.role, hint="switch it off and on")
             self._clock.sleep_until_ns(self._clock.now_ns() + round(_PAUSE_S * 1e9))
+
+
+def require_healthy(link: DeviceLink, faults: Hardware, remedy: str = "") -> Hardware:
+    """Status of a controller, a DLPC900 or a DLPC350. Raises DeviceLost for one that is not fit to
+    work. faults : that may be told. remedy : what else helps."""
+    status = Hardware(link.ask(Command.HARDWARE)[0])
+    wrong = status & faults
+    if wrong or not status & Hardware.READY:
+        raise DeviceLost(
+            f"is not fit to work: {wrong.name or 'not initialised'} (status {int(status):#04x})",
+            device=link.role,
+            hint=f"check the cable to its mirrors, switch it off and on{remedy}",
+        )
+    return status
+
+
+def read_firmware(link: DeviceLink) -> str:
+    """Version of the firmware of such a controller; "" where it is not told."""
+    version = link.try_ask(Command.VERSION) or b""
+    if len(version) < 4:
+        return ""
+    return f"{version[3]}.{version[2]}.{int.from_bytes(version[:2], 'little')}"
 
 
 def apply_to_each(devices: Sequence[_Device], work: Callable[[_Device], None]) -> None:

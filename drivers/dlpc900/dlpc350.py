@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 from pdcd.driver import ConfigError, DeviceLost, Patience
 
 from .commands import NORMAL, STANDBY, START, STOP, Hardware, Main
+from .device import read_firmware, require_healthy
 from .link import DeviceLink
 from .video import (
     LOCK_S,
@@ -41,12 +42,9 @@ class _Command(enum.IntEnum):
     """Those that are used."""
 
     POWER = 0x0200
-    VERSION = 0x0205
     SIGNAL = 0x071C
-    HARDWARE = 0x1A0A
     MAIN = 0x1A0C
     VALIDATE = 0x1A1A
-    MODE = 0x1A1B
     SOURCE = 0x1A22
     TRIGGER = 0x1A23
     RUN = 0x1A24
@@ -105,18 +103,8 @@ class Dlpc350Panel:
 
     def _identify(self) -> None:
         """Raise DeviceLost for one that is not fit, ConfigError for what it does not have."""
-        status = Hardware(self.link.ask(_Command.HARDWARE)[0])
-        wrong = status & (Hardware.RESET_FAULT | Hardware.FORCED_SWAP)
-        if wrong or not status & Hardware.READY:
-            raise DeviceLost(
-                f"is not fit to work: {wrong.name or 'not initialised'} "
-                f"(status {int(status):#04x})",
-                device=self.role,
-                hint="check the cable to its mirrors, switch it off and on",
-            )
-        version = self.link.try_ask(_Command.VERSION) or b""
-        if len(version) >= 4:
-            self.firmware = f"{version[3]}.{version[2]}.{int.from_bytes(version[:2], 'little')}"
+        require_healthy(self.link, Hardware.RESET_FAULT | Hardware.FORCED_SWAP)
+        self.firmware = read_firmware(self.link)
         if self._size_px != _MIRRORS_PX:
             raise ConfigError(
                 "is a DLPC350 of {} x {} mirrors, and {}.size_px says {} x {}".format(
@@ -160,15 +148,7 @@ class Dlpc350Dmd(VideoDmd):
         awake = lambda: not self._has(Main.PARKED)  # noqa: E731
         self._wait_until(awake, _WAKE_S, "stays parked", "switch it off and on")
         self._wait_until(self._is_locked, LOCK_S, "finds no video signal", SIGNAL_HINT)
-        self._tell(_Command.MODE, _PATTERNS)
-        self._patience.sleep(_CHANGE_S)
-        self._wait_until(
-            lambda: link.ask(_Command.MODE)[:1] == bytes([_PATTERNS]),
-            READY_S,
-            "does not take patterns",
-            "switch it off and on",
-        )
-        self._tell(_Command.RUN, STOP)  # may have started something by itself
+        self._enter_mode(_CHANGE_S, "does not take patterns", "switch it off and on")
         self._tell(_Command.SOURCE, _OF_VIDEO)
         self._tell(_Command.TRIGGER, _BY_VSYNC)
         last = len(entries) - 1

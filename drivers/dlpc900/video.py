@@ -176,15 +176,7 @@ class VideoDmd:
         self._tell(Command.RUN, STOP)
         self._tell(Command.MODE, VIDEO)
         self._wait_until(self._is_locked, LOCK_S, "finds no video signal", SIGNAL_HINT)
-        self._tell(Command.MODE, VIDEO_PATTERN)
-        self._patience.sleep(_CHANGE_S)
-        self._wait_until(
-            lambda: link.ask(Command.MODE)[:1] == bytes([VIDEO_PATTERN]),
-            READY_S,
-            "does not take the bits of its video signal",
-            SIGNAL_HINT,
-        )
-        self._tell(Command.RUN, STOP)  # may have started something by itself
+        self._enter_mode(_CHANGE_S, "does not take the bits of its video signal", SIGNAL_HINT)
         led, trigger, waits = self._options
         for n, (bit, times) in enumerate(entries):
             ways = (waits if n == 0 else 0, led, trigger)
@@ -199,6 +191,16 @@ class VideoDmd:
         self._tell(Command.RUN, START)
         running = partial(self._has, Main.RUNNING)
         self._wait_until(running, READY_S, "does not start its planes", SIGNAL_HINT)
+
+    def _enter_mode(self, after_s: float, what: str, hint: str) -> None:
+        """Enter its mode, and stop in it: it may have started something by itself. after_s : when
+        it is first asked whether it is there. what, hint : said where it never is."""
+        self._tell(Command.MODE, self.mode)
+        self._patience.sleep(after_s)
+        self._wait_until(
+            lambda: self.link.ask(Command.MODE)[:1] == bytes([self.mode]), READY_S, what, hint
+        )
+        self._tell(Command.RUN, STOP)
 
     def _tell(self, command: int, value: int) -> None:
         self.link.tell(command, bytes([value]))
