@@ -27,6 +27,7 @@ from pdcd.pictures.picture import (
     Errors,
     Picture,
     PictureWithErrors,
+    add_code_error,
     combine_photos,
     compute_sigma,
     with_error_bars,
@@ -365,10 +366,7 @@ def _with_photo_error(
     for name, picture in pictures.items():
         part = _part_of(recipe, name, photo)
         if part:
-            code = np.hypot(picture.code, part * error).astype(picture.code.dtype)
-            found[name] = with_error_bars(
-                Picture(picture.image, picture.sensor), code, picture.kind
-            )
+            found[name] = add_code_error(picture, part * error)
     return found
 
 

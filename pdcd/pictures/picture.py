@@ -64,6 +64,13 @@ def with_error_bars(picture: Picture, code: Errors, kind: _Kind) -> PictureWithE
     )
 
 
+def add_code_error(picture: PictureWithErrors, error: Errors) -> PictureWithErrors:
+    """A picture with one more error (h, w, C) in its code error, for whoever knows of one; what it
+    knows of means over cells is left out."""
+    code = np.hypot(picture.code, error).astype(picture.code.dtype)
+    return with_error_bars(Picture(picture.image, picture.sensor), code, picture.kind)
+
+
 def _together(sensor: Errors, code: Errors) -> Errors:
     """Root of the sum of squares. Of float32 by itself: the library's function takes ten times as
     long."""

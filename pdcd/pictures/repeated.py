@@ -56,7 +56,7 @@ class RepeatedMatrices:
                 (log, known.log, (*_OF_LOG, "dark_s")),
             )
         )
-        if not same or len(log) == 0:
+        if not same:
             return None
         by_ns = log.primal_ns[0] - known.log.primal_ns[0]
         if any(

@@ -150,8 +150,9 @@ class RollingPictures:
             bars = add_part_errors(whole, {name: told}, cells, single, len(chosen))
         borders, _ = darkroom.seen_light()
         made = add_common_errors(
-            darkroom.record, recipe, shots, scaled, bars, by_codes, self._learned, cells, borders
-        )
+            darkroom.record, recipe, shots, scaled, {name: bars[name]}, by_codes, self._learned,
+            cells, borders,
+        )  # fmt: skip
         return made[name]
 
     def _quad_errors(

@@ -9,7 +9,7 @@ import numpy as np
 
 from pdcd.arrays import Floats
 from pdcd.bench.stops import stop_of
-from pdcd.pictures.picture import Picture, PictureWithErrors, with_error_bars
+from pdcd.pictures.picture import Picture, PictureWithErrors, add_code_error
 from pdcd.pictures.to_cells import average_image
 from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.record import RunRecord
@@ -46,12 +46,10 @@ def with_stop_errors(
 
 def _more_error(picture: PictureWithErrors, error: Floats, cells: CellMap) -> PictureWithErrors:
     """A picture with one more error (h, w, C) that neighbours share."""
-    code = np.hypot(picture.code, error).astype(picture.code.dtype)
     of_cells = picture.of_cells
     if of_cells is not None:
         of_cells = np.hypot(of_cells, average_image(error, cells).reshape(of_cells.shape))
-    made = with_error_bars(Picture(picture.image, picture.sensor), code, picture.kind)
-    return replace(made, of_cells=of_cells)
+    return replace(add_code_error(picture, error), of_cells=of_cells)
 
 
 def _stop_sigmas(record: RunRecord, recipe: Recipe) -> dict[str, tuple[float, float]]:
