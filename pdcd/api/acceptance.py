@@ -16,10 +16,11 @@ import numpy as np
 
 from pdcd.api.local import LocalBench
 from pdcd.api.run import Run
-from pdcd.arrays import Bools, Floats
+from pdcd.arrays import Floats
 from pdcd.bench.calibration import read_calibration
 from pdcd.bench.devices import Finding
 from pdcd.bench.tables import Config
+from pdcd.calibration.light.light_step import find_card_albedo
 from pdcd.calibration.steps import order_steps
 from pdcd.files.put import replace_file
 from pdcd.pages.render import render_page
@@ -32,8 +33,6 @@ SUM_OFF, CARD_INDIRECT, ROOM_LIGHT = 0.03, 0.03, 0.05
 FULL_LEAST, FULL_MOST = 0.1, 0.98
 """Limits: of white over the card's albedo; of noise and of differences over what is expected; of
 the sum, the card's indirect light and the room's over white; of the brightest sample over full."""
-DEFAULT_ALBEDO = 0.9
-"""Of a card whose albedo is not configured, as calibration takes it."""
 _State = Literal["pass", "fail", "not tried"]
 
 
@@ -173,7 +172,8 @@ def _places(run: Run) -> AcceptanceRow:
 
 def _light_rows(config: Config, run: Run) -> Iterator[AcceptanceRow]:
     """How much light there is: in the files, from the room, and over the card's albedo."""
-    record, white = run.manifest.run, _lit(run, "white")
+    record, field = run.manifest.run, run.pictures["white"].max(axis=-1) > 0.0
+    white, indirect = (run.pictures[n].astype(np.float64)[field] for n in ("white", "indirect"))
     shot = next(one for one in record.shots if one.name == "white")
     level = record.profile.saturation_dn(shot.iso) - record.profile.black_dn
     peak = float(np.quantile(run.raw("white"), 0.999)) / level
@@ -188,20 +188,20 @@ def _light_rows(config: Config, run: Run) -> Iterator[AcceptanceRow]:
         yield AcceptanceRow("dark", "pass" if looked else "not tried", found, "")
     else:
         light = Darkroom(run.folder, record).ambient(dark).light
-        share = float(np.mean(light[_find_field(run)]) / np.mean(white))
+        share = float(np.mean(light[field]) / np.mean(white))
         yield _row(
             "dark", share <= ROOM_LIGHT,
             f"{to_percent(share)} of white" if share > 1e-4 else "under 0.01 % of white",
             f"at most {to_percent(ROOM_LIGHT)}", "darken the room; look at the panels' contrast",
         )  # fmt: skip
-    albedo = config.calibration.card_albedo or DEFAULT_ALBEDO
+    albedo, _ = find_card_albedo(config)
     off = float(np.quantile(white, 0.9)) / albedo - 1.0
     yield _row(
         "brightness of the card", abs(off) <= SCALE_OFF,
         f"{to_percent(off)} off its albedo of {albedo:g}", f"within {to_percent(SCALE_OFF)}",
         "clean the lens and its stops; run pdcd calibrate light",
     )  # fmt: skip
-    share = float(np.sqrt(np.mean(_lit(run, "indirect") ** 2) / np.mean(white**2)))
+    share = _rms(indirect) / _rms(white)
     yield _row(
         "indirect light of the card", share <= CARD_INDIRECT, f"{to_percent(share)} of white",
         f"at most {to_percent(CARD_INDIRECT)}",
@@ -232,16 +232,6 @@ def _compared(first: Run, second: Run) -> Iterator[AcceptanceRow]:
         "direct and indirect add up to white", share <= SUM_OFF, f"{to_percent(share)} left over",
         f"at most {to_percent(SUM_OFF)} of white", "see that lamp and room are steady",
     )  # fmt: skip
-
-
-def _find_field(run: Run) -> Bools:
-    """Where the field is, at the camera's quads."""
-    return np.asarray(run.pictures["white"].max(axis=-1) > 0.0)
-
-
-def _lit(run: Run, name: str) -> Floats:
-    """A picture where the field is, (n,) and colours, as float64."""
-    return run.pictures[name].astype(np.float64)[_find_field(run)]
 
 
 def _rms(values: Floats) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.files.system import system
+from pdcd.files.system import path_of, system
 
 _READ = system.O_RDONLY | system.O_NONBLOCK | system.O_CLOEXEC | system.O_NOCTTY
 _LOOK = system.O_PATH | system.O_NOFOLLOW | system.O_CLOEXEC
@@ -114,7 +114,7 @@ def open_beneath(folder: Path, name: str, asker: Asker) -> int:
 
 def _reopened(looked_at: int) -> int:
     """A descriptor to read from, of the very file that was looked at."""
-    return system.open(f"/proc/self/fd/{looked_at}", _READ)
+    return system.open(path_of(looked_at), _READ)
 
 
 def _check_passage(found: os.stat_result, asker: Asker) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.placed import make_camera_map
 from pdcd.bench.stops import stop_of
+from pdcd.bench.tables import Config
 from pdcd.calibration.figures import MeasuredFigure, Verdict, describe_room_light
 from pdcd.calibration.light.contrasts import LightMeasurement, compute_responsivity, measure_light
 from pdcd.calibration.light.end_levels import explain_level_figure
@@ -146,7 +147,7 @@ def calibrate_light(session: CalibrationSession) -> StepScript:
         stops = yield from measure_stops(session, f_number, full, _black_sigma(session))
     times, levels, noise = np.array(taking.white).T
     figures = (
-        *found.figures(_card(session)[0]),
+        *found.figures(find_card_albedo(session.config)[0]),
         *measure_lamp(times - times[0], levels, float(noise.max())).figures(),
         *stops.figures(),
         *lit,
@@ -155,9 +156,10 @@ def calibrate_light(session: CalibrationSession) -> StepScript:
     return _outcome(session, found, white, stops, figures, f_number)
 
 
-def _card(session: CalibrationSession) -> tuple[float, float]:
-    """The card's albedo, and its standard deviation."""
-    said = session.config.calibration.card_albedo
+def find_card_albedo(config: Config) -> tuple[float, float]:
+    """The card's albedo, and its standard deviation: as somebody said, else of a usual card. For
+    this step, and the acceptance of a bench."""
+    said = config.calibration.card_albedo
     return _UNKNOWN_CARD if said is None else (said, _SAID_SIGMA)
 
 
@@ -183,7 +185,7 @@ def _outcome(
 ) -> StepOutcome:
     """All figures and words."""
     words, arrays = {}, {}
-    albedo, albedo_sigma = _card(session)
+    albedo, albedo_sigma = find_card_albedo(session.config)
     for name, share in (("projector", found.projector), ("mask", found.mask)):
         contrast, error = share.contrast
         words[f"{name}.contrast"] = ConfigValue(contrast, error or None)
