@@ -1,4 +1,4 @@
-"""Waits for processes that are no children of the tests."""
+"""Waits for processes that are no children of the tests, and looks at them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import select
 import signal
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 LONG_S = 60.0
 """Bound of a wait for another process; it takes milliseconds when the machine is free."""
@@ -22,6 +23,12 @@ def ended(pid: int) -> bool:
         return bool(select.select([watched], [], [], LONG_S)[0])
     finally:
         os.close(watched)
+
+
+def read_rss_mib(pid: int) -> float:
+    """Resident memory of a process alone, in MiB."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024.0
 
 
 def send_every_signal(pid: int) -> None:

@@ -31,6 +31,7 @@ from pdcd.errors import PdcdError
 from pdcd.protocol.request import CaptureRequest
 from tests.hostile.files import kinds, raw_npy
 from tests.hostile.requests import attacks
+from tests.processes import read_rss_mib
 from tests.run_folders import finished, job
 from tests.soak.benches import Bench
 from tests.soak.daemons import Daemon
@@ -254,7 +255,7 @@ def _watched(daemon: Daemon, path: Path, port: int, head: bytes, seconds: float)
     attackers += [make(target=_attack, args=(str(path), arrays, n), daemon=True) for n in range(3)]
     with Client(path, timeout_s=60.0) as client:
         client.capture(CaptureRequest(goal="white", codes=8))  # all is loaded now
-        outcome.rss_mib.append(_rss_mib(daemon.pid))
+        outcome.rss_mib.append(read_rss_mib(daemon.pid))
         for attacker in attackers:
             attacker.start()
         if daemon.bench.provoke is not None:
@@ -262,11 +263,11 @@ def _watched(daemon: Daemon, path: Path, port: int, head: bytes, seconds: float)
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s:
             _go_about(client, port, head, outcome, daemon.bench.provoke is not None)
-            outcome.rss_mib.append(_rss_mib(daemon.pid))
+            outcome.rss_mib.append(read_rss_mib(daemon.pid))
         for attacker in attackers[:-1]:
             attacker.kill()
         time.sleep(GIVEN_BACK_S)
-        outcome.rss_mib.append(_rss_mib(daemon.pid))
+        outcome.rss_mib.append(read_rss_mib(daemon.pid))
         _end_amid_light(daemon, client, outcome)
         attackers[-1].kill()
     return outcome
@@ -328,8 +329,3 @@ def _ask_page(port: int, head: bytes) -> None:
             pass
     if not answer.startswith(b"HTTP/1.1 200"):
         raise OSError(f"the page answered {answer!r}")
-
-
-def _rss_mib(pid: int) -> float:
-    with Path(f"/proc/{pid}/status").open() as status:
-        return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmRSS"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from dataclasses import dataclass, field
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from pdcd.capture.engine import Engine
 from pdcd.protocol.stream import StreamedPicture
+from tests.processes import read_rss_mib
 from tests.stream_bench.recorded import find_rms
 
 _BEFORE = 8
@@ -29,12 +31,6 @@ def read_cpu_s(pid: int) -> float:
     """Processor time of a process so far."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / 100.0
-
-
-def read_rss_mib(pid: int | str) -> float:
-    """Memory of a process."""
-    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024.0
 
 
 @dataclass
@@ -75,7 +71,7 @@ class Meter:
             self.errors.append(streamed.arrays["image"] - self.truth)
             self.sigmas.append(streamed.arrays["sigma"])
         if (self.count - _BEFORE) % max(50, self.pictures // _LOOKS) == 1:
-            self.memory.append((read_rss_mib("self"), read_rss_mib(self._worker)))
+            self.memory.append((read_rss_mib(os.getpid()), read_rss_mib(self._worker)))
         if self.count == _BEFORE + self.pictures:
             self._at.append(self._now())
             self.over = True
