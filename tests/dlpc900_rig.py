@@ -376,9 +376,9 @@ def opened(**options: Any) -> tuple[Dlpc900Rig, Dlpc900Display]:
 
 
 def shown(dmd: ScriptedDmd) -> list[tuple[Any, int, int]]:
-    """Each entry of the device's table: its plane, exposure and dark time."""
+    """Each entry in the device's order: its plane, exposure and dark time."""
     found = []
-    for number in range(dmd.table[0]):
+    for number in dmd.order:
         entry = dmd.entries[number]
         times = int.from_bytes(entry[2:5], "little"), int.from_bytes(entry[6:9], "little")
         found.append((dmd.plane(*dmd.place_of(number)), *times))

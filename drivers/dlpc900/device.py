@@ -6,20 +6,23 @@ other planes lie 24 a picture.
 
 By the guide, pictures are to be sent anew as soon as the number of entries, or what one of them
 shows, was changed. So black is the last entry of the table that is loaded, by another order of
-entries: pictures outlive that, and the table comes back by configuring it again.
+entries: pictures outlive that, and the table comes back by configuring it again. In the same way
+tables that come around again and again, as those of a stream do, lie in the device side by side
+(`drivers.dlpc900.around`), and each is shown by an order of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from contextlib import suppress
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.driver import Clock, ConfigError, DeviceLost, PdcdError, SyncError
 
+from .around import BLACK_PLANE, TableEntry, TablesAround
 from .commands import (
     DMD_KINDS,
     NORMAL,
@@ -40,8 +43,6 @@ from .erle import encode_picture
 from .link import DeviceLink
 from .options import Dlpc900Options
 
-BLACK_PLANE = b""
-"""Key of the plane without light."""
 PLANES = 24
 _BLACK_US = 1000
 """Length of the one entry of black."""
@@ -51,14 +52,6 @@ _USUAL_LEAST_US = 105
 DrawWords = Callable[[Sequence[bytes]], NDArray[np.uint32]]
 """Planes of these keys as the bits of words, (height, width)."""
 _Device = TypeVar("_Device")
-
-
-class TableEntry(NamedTuple):
-    """What one entry shows: the plane of a key, for so long, then dark for so long."""
-
-    plane: bytes
-    exposure_us: int
-    dark_us: int = 0
 
 
 class DmdPanel:
@@ -77,6 +70,7 @@ class DmdPanel:
         self._table: list[bytes] = []
         self._pictures: list[tuple[bytes, ...]] = [()] * PICTURE_SLOTS
         self._packed: dict[int, list[bytes]] = {}
+        self._around = TablesAround()
         self._shown: list[tuple[int, int, bytes]] = []
         self._status = Hardware(0)
         self._is_black = False
@@ -115,12 +109,19 @@ class DmdPanel:
         planes : keys of those that have light, all different, `most_planes` at most. table : of
         these, and of black at its end.
         """
-        plan = self._place(planes)
-        for number, keys in plan.items():
-            self._pack_picture(number, keys, draw(keys))
-        self._is_black = False
-        self._stop()
-        self._program(table, len(table))
+        around, plan = self._around.find_round(table), dict[int, tuple[bytes, ...]]()
+        if self._around.find(table) is None:
+            plan = self._place(planes)
+            for number, keys in plan.items():
+                self._pack_picture(number, keys, draw(keys))
+            self._is_black = False
+            self._stop()
+            if around and self._has_room(around):
+                joined, waiting = self._around.join(around)
+                self._program(joined, len(joined), waiting)
+                self._around.joined()
+            else:
+                self._program(table, len(table))
         self.black()
         return len(plan)
 
@@ -137,7 +138,9 @@ class DmdPanel:
         self._stop()
         if delay_us is not None:  # a sequence that runs takes no other
             self.set_trigger_delay(delay_us)
-        self._program(table, 0 if shown is None else shown, waits=waits)
+        order = self._around.find(table, waits=waits)
+        if order is None or not self._take_order(order, shown or 0):
+            self._program(table, shown or 0, (0,) if waits else ())
         self._status = self._hardware()
         self._start()
         if waits or shown is None:
@@ -168,6 +171,7 @@ class DmdPanel:
             if self.is_running():
                 return
             self._table, self._shown = [], []  # somebody else has been at it
+            self._around.part()
         if not self._show_last():
             self.start(self._black_entries, shown=None)
         self._is_black = True
@@ -222,15 +226,29 @@ class DmdPanel:
             return False
         self._is_black = False
         self._stop()
-        try:
-            self.link.tell(Command.ORDER, pack_order([len(self._shown) - 1], 0))
-        except PdcdError:
-            if self.link.lost:
-                raise
+        if not self._take_order([len(self._shown) - 1], 0):
             return False
         self._start()
         self._wait_to_run()
         return True
+
+    def _take_order(self, order: Sequence[int], shown: int) -> bool:
+        """Have it show entries in this order; whether it takes one, which old firmware does not."""
+        try:
+            self.link.tell(Command.ORDER, pack_order(order, shown))
+        except PdcdError:
+            if self.link.lost:
+                raise
+            return False
+        return True
+
+    def _has_room(self, tables: Sequence[Sequence[TableEntry]]) -> bool:
+        """Whether tables lie side by side, with a further entry each, and all their planes are
+        there."""
+        held = {key for picture in self._pictures for key in picture}
+        entries = sum(len(table) + 1 for table in tables)
+        planes = {one.plane for table in tables for one in table}
+        return entries <= self.most_entries and planes <= held
 
     def _place(self, planes: Sequence[bytes]) -> dict[int, tuple[bytes, ...]]:
         """Find a place for planes that have none yet: pictures to draw, by their numbers."""
@@ -248,9 +266,12 @@ class DmdPanel:
                 plan[number], missing = tuple(missing[: rooms[number]]), missing[rooms[number] :]
         return plan
 
-    def _program(self, table: Sequence[TableEntry], shown: int, *, waits: bool = False) -> None:
+    def _program(
+        self, table: Sequence[TableEntry], shown: int, waiting: Container[int] = ()
+    ) -> None:
         """Send what of a table the device does not have yet, make it valid, and send its pictures
-        where it shows others than before."""
+        where it shows others than before. waiting : entries that wait for TRIG_IN_1."""
+        self._around.part()
         places = {key: (n, bit) for n, held in enumerate(self._pictures)
                   for bit, key in enumerate(held)}  # fmt: skip
         options = self._options.led, self._options.trigger_bit
@@ -259,7 +280,7 @@ class DmdPanel:
                 n,
                 (one.exposure_us, one.dark_us),
                 places[one.plane],
-                (int(waits and n == 0), *options),
+                (int(n in waiting), *options),
             )
             for n, one in enumerate(table)
         ]

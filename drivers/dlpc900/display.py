@@ -30,8 +30,9 @@ from pdcd.driver import (
     panels_of,
 )
 
+from .around import BLACK_PLANE, TableEntry
 from .commands import MOST_DELAY_US, MOST_US
-from .device import BLACK_PLANE, DmdPanel, TableEntry, apply_to_each
+from .device import DmdPanel, apply_to_each
 from .link import DeviceLink, FoundDevice, choose_device, list_devices
 from .options import Dlpc900Options, read_dlpc900_options
 from .playing import BlockWatch

@@ -23,8 +23,8 @@ from pdcd.driver import (
     streams,
 )
 
+from .around import BLACK_PLANE, TableEntry
 from .commands import MOST_US
-from .device import BLACK_PLANE, TableEntry
 
 SOURCE = "dlpc900"
 """Name of the time source: one start, and the sums of the table's times."""

@@ -86,20 +86,15 @@ def test_pictures_are_sent_where_entries_changed_and_outlive_black() -> None:
     frames = random_codes(60)
     white = build_frames(None, GRID, window="whole", schedule="none", passes=3)
     slower, few = replace(frames, dark_s=np.full(60, 5e-6)), random_codes(24, 2)
-    display.load(frames)
-    loads: Any = (
-        (frames, []),
-        (slower, []),
-        (white, [4, 0]),
-        (frames, [3, 2, 1, 0]),
-        (few, [5, 0]),
-    )
+    display.load(slower)
+    loads: Any = ((slower, []), (frames, []), (white, [4, 0]), (few, [5, 0]))
     for other, pictures in loads:
         rig.forget()
         display.load(other)
         assert [[one.data[0] for one in dmd.said(0x1A2A)] for dmd in rig.dmds] == [pictures] * 2
     rig.forget()
     display.load(frames)
+    assert [one.data[0] for one in rig.dmds[0].said(0x1A2A)] == [3, 2, 1, 0]
     entries = [one.data[0] for one in rig.dmds[0].said(0x1A34)]
     assert entries == [*range(25)], "what the 24 codes had changed"
     rig.forget()
@@ -122,6 +117,56 @@ def test_a_device_that_takes_no_order_of_entries_is_black_all_the_same() -> None
         assert [one.data[0] for one in dmd.said(0x1A2A)] == [2, 1, 0, 0], "they were lost meanwhile"
         np.testing.assert_array_equal(table[29][0], draw(frames, view, 29) > 0)
         assert dmd.black
+
+
+@pytest.mark.parametrize("start", ["software", "chain", "trigger"])
+def test_what_comes_around_again_and_again_is_sent_once(start: str) -> None:
+    """As the parts of a stream: orders of entries alone choose among them, each with its planes,
+    its times and its trigger; what else is shown in between parts them."""
+    rig, display = opened(start=start)
+    views = panels_of(rig.config())
+    white = build_frames(None, GRID, window="whole", schedule="none", passes=3)
+    parts = [white, *(random_codes(20, seed) for seed in (1, 2, 3))]
+    sent = []
+    for turn in range(6):
+        rig.forget()
+        for frames in (*parts, *([random_codes(30, 4)] if turn == 3 else [])):
+            display.load(frames)
+            assert all(dmd.black for dmd in rig.dmds)
+            display._arm(0)
+            for side, view in enumerate((views.projector, views.mask)):
+                dmd = rig.dmds[side]
+                leads = start == "chain" and side == 0
+                table = shown(dmd)[leads:]
+                assert len(table) == len(frames) + 1 and not table[-1][0].any()
+                for row, (plane, exposure_us, dark_us) in enumerate(table[:-1]):
+                    np.testing.assert_array_equal(plane, draw(frames, view, row) > 0)
+                    assert (exposure_us, dark_us) == (ROW_US, 0)
+                waits = [dmd.entries[n][5] >> 7 for n in dmd.order]
+                assert waits == [start == "trigger" or (start == "chain" and side == 1)] + [0] * (
+                    len(dmd.order) - 1
+                )
+            display.black()
+        sent.append([len(dmd.said(0x1A2A, 0x1A34)) for dmd in rig.dmds])
+    assert all(min(sent[n]) > 0 for n in (0, 1, 2, 3, 4)), sent
+    assert sent[5] == [0, 0]
+
+
+def test_tables_that_come_around_but_do_not_lie_side_by_side_are_sent_each_time() -> None:
+    """Where the device takes no order of entries, or has no room."""
+    for refuses, count in (({0x1A32: 3}, 20), ({}, 180)):
+        rig, display = opened(start="software")
+        for dmd in rig.dmds:
+            dmd.refuses = dict(refuses)
+        view = panels_of(rig.config()).mask
+        for seed in (1, 2, 3) * 4:
+            frames = random_codes(count, seed)
+            display.load(frames)
+            tables: list[Any] = []
+            display.play(ignore, looked_at(rig, tables))
+            for row in (0, count - 1):
+                np.testing.assert_array_equal(tables[1][row][0], draw(frames, view, row) > 0)
+            assert all(dmd.black for dmd in rig.dmds)
 
 
 def test_pictures_that_are_full_make_room() -> None:

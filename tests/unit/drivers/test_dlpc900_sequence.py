@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.dlpc900.around import TableEntry
 from drivers.dlpc900.commands import MOST_US
-from drivers.dlpc900.device import TableEntry
 from drivers.dlpc900.sequence import (
     DmdSequence,
     count_fitting_codes,
