@@ -301,6 +301,18 @@ def test_dark_time_counts_in_the_planned_exposure() -> None:
     assert bare == pytest.approx(len(frames) / 60.0 + settle_s)
 
 
+def test_an_exposure_that_is_balanced_may_last_as_long_as_its_retries() -> None:
+    """Its guardian must not end it while codes that were missed are shown again."""
+    frames, _ = plain()
+    for on_miss, passes in (("balance", 3), ("abort", 1)):
+        config = Config(rig=RigConfig(on_miss=on_miss, retries=2))
+        settings = with_exposure_times(CameraSettings(100, 8.0), config, frames, 60.0)
+        assert settings.exposure_s is not None and settings.longest_s is not None
+        shown_s = settings.exposure_s - 2.0 * config.rig.settle_s
+        assert settings.longest_s > settings.exposure_s + (passes - 1) * shown_s
+        assert settings.longest_s - (settings.exposure_s + (passes - 1) * shown_s) < 40.0
+
+
 @pytest.mark.parametrize("refresh_hz", [0.0, -60.0, float("nan"), float("inf")])
 def test_a_display_that_does_not_know_its_refresh_rate_is_taken_as_configured(
     refresh_hz: float,

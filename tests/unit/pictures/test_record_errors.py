@@ -61,3 +61,7 @@ def test_a_watch_hears_every_sign_of_life_and_what_is_worked_on() -> None:
     with watch.piece(1.0, 0) as alive:
         alive()
     assert told[1:] == [(1.0, 4.0), (2.0, 4.0), (2.0, 4.0)]
+    short = Watch(step=lambda done, total: told.append((done, total)))
+    short.expect(0.5)
+    short.did(0.25)
+    assert told[-1] == (0.25, 0.5)

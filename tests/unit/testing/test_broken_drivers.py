@@ -368,6 +368,11 @@ TABLE = [
     Row(readout.READOUT_RECHECK, "readout", answering("readout", "recheck", _cannot_be_asked)),
     Row(preview.FINDER_SAYS, "preview", changed("preview", "connect", lambda _: None)),
     Row(preview.FINDER_PICTURES, "preview", changed("preview", "grab", lambda p: p / 255.0)),
+    Row(
+        preview.FINDER_PICTURES,
+        "preview",
+        changed("preview", "grab", lambda p: np.stack([p] * 4, -1)),
+    ),
     Row(preview.FINDER_DISCONNECT, "preview", once("preview", "disconnect")),
 ]
 CONTRACTS = {
@@ -434,6 +439,11 @@ MODULES = {"display": display, "shutter": shutter, "readout": readout, "preview"
 @pytest.mark.parametrize("role", GOOD)
 def test_a_good_driver_breaks_no_promise(role: str, config: Config, tmp_path: Path) -> None:
     assert not list(find_broken(config, role, GOOD[role], tmp_path))
+
+
+def test_a_finder_may_be_coloured(config: Config, tmp_path: Path) -> None:
+    coloured = changed("preview", "grab", lambda p: np.stack([p] * 3, -1))
+    assert not list(find_broken(config, "preview", coloured, tmp_path))
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: f"{row.role}: {row.promise.says}")

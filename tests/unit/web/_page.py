@@ -43,10 +43,13 @@ class Page:
         more for somebody who has left, and drops the answer."""
         return await sent(self.host, self.port, data, quiet_s=None)
 
-    async def ask(self, path: str, body: bytes | None = None, *, bare: bool = False) -> Any:
+    async def ask(
+        self, path: str, body: bytes | None = None, *, bare: bool = False, accept: str = "*/*"
+    ) -> Any:
         """Status, headers and body of one answer; asked without the token where `bare`."""
         method = "GET" if body is None else "POST"
         head = f"{method} /{path} HTTP/1.1\r\nhost: {self.inside.host}\r\n"
+        head += f"accept: {accept}\r\n"
         if not bare:
             head += f"authorization: {self.inside.shown}\r\n"
         if body is not None:

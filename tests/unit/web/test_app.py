@@ -185,6 +185,8 @@ async def test_runs_pictures_and_reports_are_read_from_the_disk(
     status, headers, body = await page.ask(f"picture/{job(1)}/indirect")
     assert (status, headers["content-type"], body) == (200, "image/png", b"png")
     assert (await page.ask(f"picture/{job(1)}/none"))[0] == 400
+    status, _, body = await page.ask(f"picture/{job(1)}/none", accept="text/html")
+    assert status == 400 and b"<html" in body and b"{" not in body  # a person reads it
     status, _, body = await page.ask(f"ticket/{job(2)}")
     assert status == 404 and "no report" in body.decode()
     status, _, body = await page.ask(f"ticket/{job(1)}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import AsyncGenerator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -78,6 +79,46 @@ async def test_a_wrong_address_is_told_of_in_words_to_a_person(page: Page, path:
     assert head.split()[1] in (b"401", b"404") and b"text/html" in head
     assert b"Content-Security-Policy: default-src" in head
     assert b"the address that <code>pdcd web</code> printed" in body and b"{" not in body
+
+
+class Daemon:
+    """Stands for the daemon's end of a client."""
+
+    closed = 0
+
+    def __init__(self, *_: object) -> None:
+        """Nothing is met."""
+
+    def call(self, method: str, params: Any) -> dict[str, Any]:
+        return {"job": f"{method} {params['goal']}"}
+
+    def answer(self, method: str, asked: Any, timeout_s: float | None) -> dict[str, Any]:
+        return {"number": asked["after"] + 1, "of": asked["job"], "by": method}
+
+    def close(self) -> None:
+        Daemon.closed += 1
+
+
+@on_page
+async def test_a_stream_tells_its_job_before_its_pictures_and_a_live_view_does_not(
+    page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pdcd.web.asks.Client", Daemon)
+    asks = DaemonQueries(Path("nowhere"))
+    for follow, start, see in (
+        (asks.follow, "preview.live", "preview.frame"),
+        (asks.follow_stream, "stream.start", "stream.frame"),
+    ):
+        closed, pictures, found = Daemon.closed, follow({"goal": "g"}), list[Any]()
+        async for one in pictures:
+            found.append(one)
+            if one.get("number") == 2:
+                break
+        await pictures.aclose()
+        job = f"{start} g"
+        frames = [{"number": number, "of": job, "by": see} for number in (1, 2)]
+        assert found == ([{"job": job}, *frames] if start == "stream.start" else frames)
+        assert Daemon.closed == closed + 1
 
 
 def test_advice_speaks_of_fields_as_the_form_calls_them() -> None:
