@@ -35,8 +35,8 @@ _SURE = np.array([0.25, 0.2])
 """Standard deviations of these: how much the image must tell to be believed."""
 _ROUNDS = 8
 """Steps of the scaling that makes the model's row sums the image; each leaves half the error."""
-_CHUNK = 2**22
-"""Numbers transformed at once."""
+_CHUNK = 2**17
+"""Numbers transformed at once: what stays in the cache takes a quarter of the time."""
 _FAR_SPREADS = ((np.inf, 1.0), (5.0, 1.0), (2.0, 2.0))
 """Of photos of far light: cells over which light falls, and the power of what falls with the
 square. Their codes are random and few, so that all of light's ways count."""
@@ -230,16 +230,20 @@ def average_neighbour_weights(
     the detail of an image tells nothing, as all cells miss alike; it is not corrected.
     """
     rows, cols = grid
-    mask = (left / weight).reshape(-1, rows, cols)
-    light = right.reshape(-1, rows, cols)
+    # With a dark row and column behind each image those beside a cell lie a fixed step off.
+    mask, light = (
+        np.pad(one.reshape(-1, rows, cols), ((0, 0), (0, 1), (0, 1))).ravel()
+        for one in (left / weight, right)
+    )
     found = {}
     for row, col in itertools.product((-1, 0, 1), repeat=2):
         if (row, col) == (0, 0) or abs(row) >= rows or abs(col) >= cols:
             continue
-        here = np.s_[:, max(0, -row) : rows - max(0, row), max(0, -col) : cols - max(0, col)]
-        there = np.s_[:, max(0, row) : rows + min(0, row), max(0, col) : cols + min(0, col)]
+        step = row * (cols + 1) + col
+        here, there = mask[max(0, -step) :], light[max(0, step) :]
+        both = min(here.size, there.size)
         pairs = (rows - abs(row)) * (cols - abs(col))
-        found[row, col] = float(np.einsum("rij,rij->", mask[here], light[there])) / pairs
+        found[row, col] = float(here[:both] @ there[:both]) / pairs
     return found
 
 
