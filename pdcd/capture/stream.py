@@ -112,10 +112,10 @@ class PictureMaker:
         return 0.0 if self._begun_s is None else time.monotonic() - self._begun_s
 
     def give(self, photo: _Photographed, look: Callable[[], None]) -> None:
-        """Hand a photo over, and return once it is begun: what is taken sooner waits only longer.
-        `look` may raise meanwhile. Raises what the work ended by."""
+        """Hand a photo over, and return once the last of its picture is begun: what is taken sooner
+        waits only longer. `look` may raise meanwhile. Raises what the work ended by."""
         self._photos.put(photo)
-        while not self._photos.empty():
+        while photo.last and not self._photos.empty():
             look()
             self._raise()
             self._begun.wait(_LOOK_S)
@@ -311,7 +311,7 @@ class StreamTaker:
             for old in taken[: -_MOST_SPOILT - 1]:
                 self._rig.forget_photo(old.record.sha256)
             del taken[: -_MOST_SPOILT - 1]
-        return StreamPhoto(records, done.log, held, planned_s), "", late
+        return StreamPhoto(records, done.log, held), "", late
 
     def _hear(self, event: Event) -> None:
         if isinstance(event, ShutterClosed):

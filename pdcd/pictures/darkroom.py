@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Bools, Floats
+from pdcd.bench.exposure_time import describe_time_conflict
 from pdcd.bench.placed import place_panels
 from pdcd.bench.stops import Stop, stop_of
 from pdcd.errors import DecodeError
@@ -124,9 +125,14 @@ class Darkroom:
         """A shot was taken once more, and takes the place of the one before, which is forgotten.
 
         frames, log : as frames.csv would give them back
-        (`pdcd.runs.frame_table.restore_frames`). Raises DecodeError.
+        (`pdcd.runs.frame_table.restore_frames`). Raises DecodeError, also where the camera exposed
+        for another time than was planned, and then all is as it was.
         """
         raw, repeated = self._read(shot), self._repeated
+        open_s = (shot.close_ns - shot.open_ns) * 1e-9
+        doubt = describe_time_conflict(shot.planned_s or open_s, open_s, raw.exposure_s)
+        if doubt:
+            raise DecodeError(doubt)
         realised = repeated.find(shot, frames, log) or self._realise(shot, frames, log)
         repeated.keep(shot, frames, log, realised)
         exposed = self._develop(shot, raw, realised)

@@ -40,6 +40,9 @@ from pdcd.watch import Watch
 _QUADS_EVERY = 16
 """Pictures after which it is told anew what codes get wrong of quads beside their cell: it is much
 work, and alike in all parts."""
+_QUADS_ALONG = 2
+"""Of these quads, along a side of a cell or half of one: of a capture more are asked, but a stream
+must not halt for it."""
 
 
 class RollingPictures:
@@ -176,7 +179,10 @@ class RollingPictures:
         used = [shots[name] for photo in self._recipe.photos for _, name in photo.shots]
         lost = np.logical_or.reduce([one.saturated for one in used])
         if self._lost is None or (lost != self._lost).any():
-            self._lost, self._picked = lost, sample_part_quads(used, self._darkroom.cells)
+            self._lost, self._picked = (
+                lost,
+                sample_part_quads(used, self._darkroom.cells, _QUADS_ALONG),
+            )
 
 
 def keep_answer(recipe: Recipe) -> Recipe:

@@ -10,6 +10,7 @@ matters the light of cells is told apart (`_Apart`).
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -46,7 +47,7 @@ do."""
 _MANY = 400
 """Quads in a cell, or in half of one, from which those that see another as well do not count: they
 lessen what the codes err by 1 % or less."""
-_SAMPLED = 4
+SAMPLED = 4
 """Quads along a side of what sees a cell alone that tell what single quads err by."""
 _APART = 3.5
 """Standard deviations of a blur from which two quads have hardly any light in common: 5 %."""
@@ -340,10 +341,14 @@ class QuadSample:
     def take(self, read: Callable[[slice], NDArray[np.floating]]) -> Floats:
         """What can be read of some rows of a frame, of these quads, (Q, C)."""
         values = read(self.rows)
-        row, column = np.nonzero(self.picked)
-        places = row * values.shape[1] + self.columns[column]
+        row, column = self._places
         flat = values.reshape(-1, values.shape[2])
-        return np.asarray(flat.take(places, axis=0), dtype=np.float64)
+        return np.asarray(flat.take(row * values.shape[1] + column, axis=0), dtype=np.float64)
+
+    @functools.cached_property
+    def _places(self) -> tuple[Indices, Indices]:
+        row, column = np.nonzero(self.picked)
+        return row, self.columns[column]
 
     def sums(self, values: Floats, side: int = 1) -> Floats:
         """Sums of values (Q, C) over each cell and those around it, a square of `side`: (N, C)."""
@@ -365,13 +370,14 @@ class QuadSample:
 
 
 def sample_quads(
-    shots: Sequence[ExposedShot], cells: CellMap, *, within: bool = False
+    shots: Sequence[ExposedShot], cells: CellMap, *, within: bool = False, along: int = SAMPLED
 ) -> QuadSample:
     """Some quads of each cell that no shot saturates, for
     `pdcd.pictures.sigma.estimate_quad_errors` and, well `within` cells that are fine enough, for
-    `pdcd.pictures.beside.estimate_quad_paths`."""
+    `pdcd.pictures.beside.estimate_quad_paths`. along : how many of those along a side of what sees
+    a cell alone."""
     side = cells.quad_cells**-0.5 if cells.quad_cells else 1.0
-    step = max(1, int((side - 2.0 * _SMEARED * cells.blur_quads) / _SAMPLED))
+    step = max(1, int((side - 2.0 * _SMEARED * cells.blur_quads) / along))
     apart = max(int(np.clip(side / 4.0, 1.0, _UNMIXED)), int(np.ceil(_APART * cells.blur_quads)))
     rows = slice(step // 2, cells.frame[0], step)
     columns = np.arange(cells.frame[1])

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
-from pdcd.bench.exposure_time import describe_time_conflict
 from pdcd.capture.worker.answers import AdoptedPlan, PhotoOrder, compute_rms_sigma
 from pdcd.capture.worker.plan_owner import Course
 from pdcd.errors import DecodeError, disk_errors
@@ -58,12 +57,11 @@ class StreamPlan:
 @dataclass(frozen=True, eq=False)
 class StreamPhoto:
     """A photo as it came: the shots of its planes, what the panels did, its files in memory by
-    their paths below the run folder, and for how long it was planned to be exposed."""
+    their paths below the run folder."""
 
     shots: tuple[ShotRecord, ...]
     log: FrameLog
     held: Mapping[str, bytes]
-    planned_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,29 +122,16 @@ class StreamCourse:
         for path, data in photo.held.items():
             shelf.hold(path, data)
         try:
-            doubt = self._take(photo)
+            for shot in photo.shots:
+                self._rolling.renew(shot, *restore_frames(self._frames[shot.name], photo.log))
         except DecodeError as err:
-            doubt = err.message
-        if doubt:
             for path, old in before.items():
                 shelf.hold(path, old)
-            return doubt
+            return err.message
         try:
             return None if part is None else self._make(part, watch, draw=draw)
         except DecodeError as err:
             return err.message
-
-    def _take(self, photo: StreamPhoto) -> str:
-        """Put a photo in the place of the one before; what is wrong with it, in words. Raises
-        DecodeError, and then all is as it was."""
-        first = photo.shots[0]
-        told_s = self._course.shelf.read_head(first.raw).exposure_s
-        open_s = (first.close_ns - first.open_ns) * 1e-9
-        doubt = describe_time_conflict(photo.planned_s, open_s, told_s)
-        if not doubt:
-            for shot in photo.shots:
-                self._rolling.renew(shot, *restore_frames(self._frames[shot.name], photo.log))
-        return doubt
 
     def _make(self, part: int, watch: Watch, *, draw: bool) -> RollingPicture:
         """The picture by the newest parts. Raises DecodeError."""

@@ -57,6 +57,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_sent(
     [
         ({"delay_s": np.array([0.0, -30e-6])}, "rows of 95 us are shorter"),
         ({"delay_s": np.full(2, 0.07)}, "delay of the mask of 70 ms is too long"),
+        ({"delay_s": np.full(2, 65_431e-6)}, "delay of the mask of 65.4 ms is too long"),
         ({"dark_s": np.full(2, 17.0)}, "of 17 s are too long"),
     ],
 )
