@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -30,7 +32,10 @@ GAMMA, CURVE = power(2.2), s_curve
 
 
 def stepped(
-    projector: Law = GAMMA, mask: Law = GAMMA, said: RawSettings | None = None
+    projector: Law = GAMMA,
+    mask: Law = GAMMA,
+    said: RawSettings | None = None,
+    see: Callable[[dict[str, QuadPhoto]], dict[str, QuadPhoto]] = dict,
 ) -> tuple[Answered, Run]:
     place = Placing(map=Map.filling(PANEL))
     panel = {"size_px": PANEL, "place": place}
@@ -38,7 +43,7 @@ def stepped(
 
     def photo(taken: Any) -> QuadPhoto:
         panel, _, name = taken.name.partition("-")
-        return photos_of(projector if panel == "projector" else mask)[name]
+        return see(dict(photos_of(projector if panel == "projector" else mask)))[name]
 
     def taken(wanted: PhotoRequest) -> Any:
         return SimpleNamespace(name=wanted.shown.name, seen=said or RawSettings(iso=100))
@@ -94,3 +99,22 @@ def test_a_panel_that_follows_none_is_sent_by_its_table() -> None:
     assert table.sigma == pytest.approx(float(sigma.max()))
     (told,) = out.advice
     assert told.startswith("grey of the mask follows no power law")
+
+
+@pytest.mark.parametrize(("bent", "told"), [(0.02, 0), (0.2, 1)])
+def test_a_panel_whose_grey_is_coloured_is_told_of(bent: float, told: int) -> None:
+    """Blue of its own steps follows another power than red and green."""
+
+    def tinted(photos: dict[str, QuadPhoto]) -> dict[str, QuadPhoto]:
+        white = np.maximum(photos["white"].light[..., 2], 1.0)
+        for name in ("steps-a", "steps-b"):
+            light = photos[name].light.copy()
+            light[..., 2] = white * (np.maximum(light[..., 2], 1.0) / white) ** (1.0 + bent / 2.2)
+            photos[name] = replace(photos[name], light=light)
+        return photos
+
+    _, found = stepped(see=tinted)
+    out = found.outcome
+    assert out is not None
+    coloured = [one for one in out.advice if "coloured" in one]
+    assert len(coloured) == 2 * told

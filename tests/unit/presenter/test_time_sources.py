@@ -247,6 +247,19 @@ def test_a_source_that_counts_backwards_once_is_not_believed() -> None:
     assert clocks.measure_period_ns(source, lambda: None, float(PERIOD_NS)) is None
 
 
+def test_a_source_that_counts_one_refresh_twice_is_believed() -> None:
+    """Its stamps go on; what it skips after that, it had not counted."""
+    source = Even(PERIOD_NS)
+    shown = source.shown
+
+    def repeat() -> None:
+        shown()
+        source.msc += {12: -1, 13: 1}.get(source.frames, 0)
+
+    source.shown = repeat  # type: ignore[method-assign]
+    assert clocks.measure_period_ns(source, lambda: None, float(PERIOD_NS)) == PERIOD_NS
+
+
 def test_only_a_lost_device_is_a_source_that_does_not_deliver() -> None:
     def source(fault: Exception) -> Even:
         made = Even(PERIOD_NS)
