@@ -7,7 +7,9 @@ import re
 from collections.abc import Iterable
 
 _PER_UNIT = {"ms": 0.001, "s": 1.0, "sec": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
+_NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)"
+_MOST_READ = 64
+"""Characters of a text beyond which nobody meant a number: expressions may take the square of it."""
 _PAIR = re.compile(r"\s*(\d+)\s*[x,;* -]\s*(\d+)\s*")
 
 
@@ -19,7 +21,7 @@ def suggest_word(text: str, words: Iterable[str]) -> str:
 
 def suggest_pair(text: str) -> tuple[str, str] | None:
     """The two whole numbers of a text such as "1920x1080"."""
-    match = _PAIR.fullmatch(text)
+    match = _PAIR.fullmatch(text) if len(text) <= _MOST_READ else None
     return None if match is None else (match[1], match[2])
 
 
@@ -30,6 +32,8 @@ def suggest_number(text: str, *, whole: bool = False) -> str:
     points. `whole` : whether only whole numbers are taken.
     """
     shown, found = text.strip().lower(), None
+    if len(shown) > _MOST_READ:
+        return ""
     if match := re.fullmatch(rf"({_NUMBER})\s*({'|'.join(_PER_UNIT)})", shown):
         found = float(match[1]) * _PER_UNIT[match[2]]
     elif match := re.fullmatch(r"(\d+):([0-5]\d)", shown):

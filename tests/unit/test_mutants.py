@@ -117,6 +117,7 @@ def test_paths_that_must_fail_closed_are_there() -> None:
             assert f"def {function.rpartition('.')[2]}(" in text, path
 
 
+@pytest.mark.whole
 def test_known_equivalents_are_changes_that_can_still_be_made() -> None:
     """One that cannot has been mended or rewritten: its line goes, too."""
     keys = equivalents(EQUIVALENT.read_text(encoding="utf-8"))

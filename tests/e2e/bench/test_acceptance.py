@@ -13,6 +13,8 @@ from pdcd.api.acceptance import AcceptanceRecord, AcceptanceRow, write_acceptanc
 from pdcd.cli.main import main
 from tests.browser import browser
 
+pytestmark = pytest.mark.whole
+
 BENCH = """
 [rig]
 name = "tried & <accepted>"

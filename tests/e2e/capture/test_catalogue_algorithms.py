@@ -23,6 +23,8 @@ from tests import bench_rig
 from tests.sampled import sampled
 from tests.taken import Taken, request_of, take
 
+pytestmark = pytest.mark.whole
+
 GRID = bench_rig.GRID
 N = GRID[0] * GRID[1]
 T = bench_rig.transport()

@@ -12,6 +12,8 @@ import pdcd
 from pdcd.protocol.result import quality_of
 from pdcd.words import GoalName
 
+pytestmark = pytest.mark.whole
+
 GRID = (12, 16)
 CELLS = GRID[0] * GRID[1]
 BLOCKING = 1.0 - np.eye(CELLS)

@@ -32,6 +32,8 @@ from pdcd.runs.verify import verify_run
 from pdcd.words import KeepRawName
 from tests import bench_rig
 
+pytestmark = pytest.mark.whole
+
 LAST = "raw/coded.dng"
 
 

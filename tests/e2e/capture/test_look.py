@@ -13,6 +13,8 @@ from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig, Sc
 from tests import bench_rig, taken
 from tests.taken import Taken
 
+pytestmark = pytest.mark.whole
+
 GRID = (6, 8)
 MASK = PanelConfig(size_px=(1600, 1200), contrast=300.0)
 PROJECTOR = PanelConfig(size_px=(1024, 768), contrast=50.0)

@@ -22,6 +22,8 @@ from tests import bench_rig
 from tests.sampled import sampled
 from tests.taken import take_with
 
+pytestmark = pytest.mark.whole
+
 Floats = NDArray[np.float64]
 GRID = (4, 6)
 ROWS, COLS = GRID

@@ -21,6 +21,8 @@ from tests import bench_rig
 from tests.sampled import sampled
 from tests.taken import Taken, attempt, relative_rms, take
 
+pytestmark = pytest.mark.whole
+
 ROWS, COLS = bench_rig.GRID
 N = ROWS * COLS
 SHARES = np.array([4.8, 8.6, 5.6]) / 19.0

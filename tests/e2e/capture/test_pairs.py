@@ -13,6 +13,8 @@ from pdcd.bench.tables import CameraConfig, Config, PanelConfig
 from tests import bench_rig, taken
 from tests.taken import Taken, relative_rms
 
+pytestmark = pytest.mark.whole
+
 GRID = (6, 8)
 
 

@@ -16,6 +16,8 @@ from tests import bench_rig, taken
 from tests.sampled import sampled
 from tests.taken import Taken
 
+pytestmark = pytest.mark.whole
+
 GRID = (6, 8)
 ROWS, COLS = GRID
 

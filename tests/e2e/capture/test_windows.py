@@ -19,6 +19,8 @@ from pdcd.runs.record import Manifest
 from tests import bench_rig
 from tests.taken import Taken, started
 
+pytestmark = pytest.mark.whole
+
 GRID = (6, 8)
 CELL_PX = 128
 """Projector pixels of a cell."""

@@ -9,8 +9,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from pdcd.client import Client
 from tests.processes import ended, soon
+
+pytestmark = pytest.mark.whole
 
 CONFIG = "[scene]\ngrid = [6, 8]\n[limits]\nmin_free_bytes = 0\n"
 

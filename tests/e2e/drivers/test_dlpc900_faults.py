@@ -31,6 +31,8 @@ from tests import bench_rig
 from tests.dlpc900_pair import LEAST_US, list_lit, make_dmds, write_down
 from tests.dlpc900_reports import join_reports
 
+pytestmark = pytest.mark.whole
+
 GRID = (6, 8)
 KINDS = ("error", "deaf", "mute", "late", "busy", "unplug", "reset", "abort", "meddled")
 Kind = Literal["error", "deaf", "mute", "late", "busy", "unplug", "reset", "abort", "meddled"]

@@ -24,6 +24,8 @@ from pdcd.words import ScheduleName
 from tests.dlpc900_pair import LEAST_US, DmdPair, Lit
 from tests.dlpc900_reports import PLANES_OF_BYTE, Start, read_entry, read_plane, read_runs
 
+pytestmark = pytest.mark.whole
+
 SIZE, GRID = (96, 64), (6, 8)
 
 

@@ -22,6 +22,8 @@ from pdcd.verdict.error_budget import ErrorRow, make_error_budget
 from tests.oracles import pair_integrals, timeline, to_cells
 from tests.reference_run import RUN
 
+pytestmark = pytest.mark.whole
+
 SEEDS = (1, 2, 3)
 LAG = {"rise_s": 0.003, "fall_s": 0.005}
 

@@ -25,6 +25,8 @@ from tests import reference_run
 from tests.dense_bench import DenseBench, DensePanel
 from tests.oracles import cell_of, pair_integrals, timeline, to_cells
 
+pytestmark = pytest.mark.whole
+
 Floats = NDArray[np.float64]
 
 SAME_RAW = 1e-5

@@ -11,6 +11,8 @@ from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from tests import bench_rig
 from tests.taken import attempt, take
 
+pytestmark = pytest.mark.whole
+
 WAYS: dict[str, dict[str, Any]] = {
     "default": {},
     "on": {"smooth": True},

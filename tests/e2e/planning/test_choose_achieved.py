@@ -16,6 +16,8 @@ from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.places import DATA
 
+pytestmark = pytest.mark.whole
+
 SCENES = ("corner_32x24", "mirror_32x24", "open-book", "wax-disk", "disco-ball", "milky-bottle")
 TARGETS = [(name, 0.02) for name in SCENES] + [("corner_32x24", 0.05), ("wax-disk", 0.01)]
 AGREE = 0.3

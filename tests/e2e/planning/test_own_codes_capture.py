@@ -16,6 +16,8 @@ from tests.bench_rig import GRID, config
 from tests.e2e.api.test_connected import daemon
 from tests.places import ROOT
 
+pytestmark = pytest.mark.whole
+
 COUNT = 16
 
 

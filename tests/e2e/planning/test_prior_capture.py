@@ -28,6 +28,8 @@ from tests.bench_rig import from_path
 from tests.e2e.server.test_daemon_real import connect, daemon
 from tests.places import DATA
 
+pytestmark = pytest.mark.whole
+
 Floats = NDArray[np.float64]
 
 GRID = (24, 32)

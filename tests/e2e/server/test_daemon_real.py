@@ -25,6 +25,8 @@ from pdcd.protocol.result import Quality
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 
+pytestmark = pytest.mark.whole
+
 GUARD_S = 60.0
 """What would hang otherwise; a free machine takes less than a second for it."""
 

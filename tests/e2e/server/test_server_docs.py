@@ -26,6 +26,8 @@ from tests.places import ROOT
 from tests.sampled import sampled
 from tests.tools import linked, needs, program
 
+pytestmark = pytest.mark.whole
+
 DOCUMENT = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
 
 REAL = """
@@ -215,7 +217,7 @@ def test_the_limits_are_those_of_the_program() -> None:
     assert reading.OPEN_BYTES == 2**21 and reading._SHORT_BYTES == 2**16 and reading._REST_S == 0.1
     limits = LimitsConfig()
     assert f"| clients | {limits.connections}, or" in text
-    assert f"are kept {connections.KEPT_PLACES} places each" in text
+    assert f"{connections.KEPT_PLACES} places each" in text
     assert f"| clients of one user | {limits.connections_per_user}, or" in text
     assert f"and {limits.queued_per_user} of one user, or" in text
     assert f"after {limits.idle_s:g} s, or" in text

@@ -32,6 +32,8 @@ from tests.e2e.server._server_harness import PATIENCE_S, Wire
 from tests.places import ROOT
 from tests.tools import needs, program
 
+pytestmark = pytest.mark.whole
+
 SLOW = CaptureRequest(goal="white", note="slow")
 
 

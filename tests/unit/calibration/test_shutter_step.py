@@ -30,6 +30,8 @@ from tests.unit.calibration.test_shutter import (
 )
 from tests.unit.planning.test_measured import config
 
+pytestmark = pytest.mark.whole
+
 LAG_S = 0.06
 SURE_S = config().trigger.sure_ns * 1e-9
 

@@ -24,6 +24,8 @@ from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import PanelResponse, compute_code_separation
 from tests.unit.calibration.pulsed_bench import REFRESH_S, Bench, TruePanel
 
+pytestmark = pytest.mark.whole
+
 PROJECTOR = Map.filling((256, 192))
 MASK = Map.filling((320, 240))
 CAMERA = Map.filling((192, 128))

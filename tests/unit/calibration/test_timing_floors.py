@@ -15,6 +15,8 @@ from pdcd.calibration.timing.timing_model import PanelTimes, StripModel
 from pdcd.panels.map import Map
 from tests.unit.calibration.pulsed_bench import REFRESH_S, Bench, TruePanel
 
+pytestmark = pytest.mark.whole
+
 Floats = NDArray[np.float64]
 
 BANDS = 4

@@ -275,6 +275,7 @@ def test_what_has_a_job_done_says_that_there_was_none(
     assert told["error"]["kind"] == "unreachable"
 
 
+@pytest.mark.whole
 def test_no_daemon_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     socket = str(tmp_path / "nobody.sock")
     for line in (["status"], ["watch"], ["cancel"], ["wait", "x"], ["capture", "white"],

@@ -24,6 +24,8 @@ from tests.places import ROOT
 from tests.processes import ended, send_every_signal, soon
 from tests.virtual_eos import raw_of
 
+pytestmark = pytest.mark.whole
+
 
 class Bench:
     """A camera in this process, and one elsewhere that works its shutter."""

@@ -264,6 +264,7 @@ def test_a_rig_is_let_go_in_time(mood: str) -> None:
     assert usb._claimed_by is None and rig.camera._alive is None
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("mood", ["drips", "long lists", "4 GiB", "a byte at a time"])
 def test_a_guardian_closes_first_and_hears_settings_later(mood: str) -> None:
     """The program that opened it is gone. A camera that does not even greet cannot be closed."""

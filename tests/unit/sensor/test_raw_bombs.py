@@ -59,6 +59,7 @@ BOMBS = {
 }
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", BOMBS)
 def test_headers_without_end_are_not_followed(tmp_path: Path, name: str) -> None:
     data = BOMBS[name]

@@ -23,6 +23,8 @@ from pdcd.codes.pilot.links import (
 from tests.places import DATA
 from tests.sampled import sampled
 
+pytestmark = pytest.mark.whole
+
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
