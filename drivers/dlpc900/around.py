@@ -3,7 +3,7 @@
 A device is to be sent its pictures anew as soon as an entry shows another plane, and USB is slow:
 it would take seconds a photo where a stream shows its parts in turn. An order of entries leaves
 pictures as they are; by the guide it may name some of them, and one several times. So tables that
-have come around twice are loaded as one, and each is shown by the order of its own entries.
+have come around twice are loaded as one, and each is shown by an order of its own.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ _Table = tuple[TableEntry, ...]
 
 
 class TablesAround:
-    """Tables that one device was to show lately, and where those lie that it has side by side.
+    """Tables that one device was to show lately, and the entries of those that it has as one.
 
-    A trigger belongs to an entry. So each table has its first entry twice, one that waits in front
-    of one that does not. What lies in front of either is black: the last entry of another table.
+    A trigger belongs to an entry. So what a table begins with is there twice, and waits once. The
+    entry in front of one that waits ends in the dark, wherever it is shown: that one is black.
     """
 
     def __init__(self) -> None:
         self._lately: list[_Table] = []
-        self._begins: dict[_Table, int] = {}
-        self._joined: dict[_Table, int] = {}
+        self._tables: frozenset[_Table] = frozenset()
+        self._numbers: dict[tuple[TableEntry, bool], int] = {}
 
     def find_round(self, table: Sequence[TableEntry]) -> list[_Table]:
         """Note that a table is to be loaded; the tables among which it comes around, itself among
@@ -52,26 +52,38 @@ class TablesAround:
         before = [n for n, other in enumerate(self._lately[:since]) if other == one]
         return list(dict.fromkeys(self._lately[before[-1] :])) if len(before) >= _ROUNDS else []
 
-    def join(self, tables: Sequence[_Table]) -> tuple[list[TableEntry], set[int]]:
-        """All entries of these tables, and which of them wait for a trigger."""
-        entries, self._joined = list[TableEntry](), {}
-        for table in tables:
-            self._joined[table] = len(entries)
-            entries += [table[0], *table]
-        return entries, set(self._joined.values())
-
-    def joined(self) -> None:
-        """The device has what `join` told last."""
-        self._begins = self._joined
+    def hold(self, joined: JoinedTables) -> None:
+        """The device has these."""
+        self._tables = frozenset(joined.tables)
+        self._numbers = {
+            (one, n in joined.waiting): n for n, one in reversed([*enumerate(joined.entries)])
+        }
 
     def part(self) -> None:
         """The device has them no longer."""
-        self._begins = {}
+        self._tables = frozenset()
 
     def find(self, table: Sequence[TableEntry], *, waits: bool = False) -> list[int] | None:
-        """The entries of a table, the first of which waits for a trigger or not; None where it does
-        not lie beside others."""
-        begin = self._begins.get(tuple(table))
-        if begin is None:
+        """The entries of a table, in order, the first of which waits for a trigger or not; None
+        where it does not lie among others."""
+        if tuple(table) not in self._tables:
             return None
-        return [begin + (not waits), *range(begin + 2, begin + 1 + len(table))]
+        return [self._numbers[one, waits and n == 0] for n, one in enumerate(table)]
+
+
+class JoinedTables(NamedTuple):
+    """Tables as one. entries : each that is in any of them once, the last one black. waiting :
+    numbers of those that wait for a trigger."""
+
+    tables: tuple[_Table, ...]
+    entries: tuple[TableEntry, ...]
+    waiting: frozenset[int]
+
+
+def join_tables(tables: Sequence[_Table]) -> JoinedTables:
+    """As one, for `TablesAround.hold`; they end on black."""
+    black = tables[0][-1]
+    first = dict.fromkeys(table[0] for table in tables)
+    rest = dict.fromkeys(one for table in tables for one in table if one != black)
+    entries = (*(one for begin in first for one in (begin, black)), *rest, black)
+    return JoinedTables(tuple(tables), entries, frozenset(range(0, 2 * len(first), 2)))

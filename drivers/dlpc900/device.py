@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pdcd.driver import Clock, ConfigError, DeviceLost, PdcdError, SyncError
 
-from .around import BLACK_PLANE, TableEntry, TablesAround
+from .around import BLACK_PLANE, TableEntry, TablesAround, join_tables
 from .commands import (
     DMD_KINDS,
     NORMAL,
@@ -71,6 +71,7 @@ class DmdPanel:
         self._pictures: list[tuple[bytes, ...]] = [()] * PICTURE_SLOTS
         self._packed: dict[int, list[bytes]] = {}
         self._around = TablesAround()
+        self._takes_orders = True
         self._shown: list[tuple[int, int, bytes]] = []
         self._status = Hardware(0)
         self._is_black = False
@@ -116,10 +117,10 @@ class DmdPanel:
                 self._pack_picture(number, keys, draw(keys))
             self._is_black = False
             self._stop()
-            if around and self._has_room(around):
-                joined, waiting = self._around.join(around)
-                self._program(joined, len(joined), waiting)
-                self._around.joined()
+            joined = join_tables(around) if around and self._takes_orders else None
+            if joined is not None and self._has_room(joined.entries):
+                self._program(joined.entries, len(joined.entries), joined.waiting)
+                self._around.hold(joined)
             else:
                 self._program(table, len(table))
         self.black()
@@ -239,16 +240,14 @@ class DmdPanel:
         except PdcdError:
             if self.link.lost:
                 raise
+            self._takes_orders = False
             return False
         return True
 
-    def _has_room(self, tables: Sequence[Sequence[TableEntry]]) -> bool:
-        """Whether tables lie side by side, with a further entry each, and all their planes are
-        there."""
+    def _has_room(self, entries: Sequence[TableEntry]) -> bool:
+        """Whether a table is short enough, and all its planes are there."""
         held = {key for picture in self._pictures for key in picture}
-        entries = sum(len(table) + 1 for table in tables)
-        planes = {one.plane for table in tables for one in table}
-        return entries <= self.most_entries and planes <= held
+        return len(entries) <= self.most_entries and held.issuperset(one.plane for one in entries)
 
     def _place(self, planes: Sequence[bytes]) -> dict[int, tuple[bytes, ...]]:
         """Find a place for planes that have none yet: pictures to draw, by their numbers."""

@@ -126,7 +126,7 @@ def test_what_comes_around_again_and_again_is_sent_once(start: str) -> None:
     rig, display = opened(start=start)
     views = panels_of(rig.config())
     white = build_frames(None, GRID, window="whole", schedule="none", passes=3)
-    parts = [white, *(random_codes(20, seed) for seed in (1, 2, 3))]
+    parts = [white, *(random_codes(20, seed, passes=seed) for seed in (1, 2, 3))]
     sent = []
     for turn in range(6):
         rig.forget()
