@@ -33,7 +33,8 @@ class TablesAround:
     """Tables that one device was to show lately, and the entries of those that it has as one.
 
     A trigger belongs to an entry. So what a table begins with is there twice, and waits once. The
-    entry in front of one that waits ends in the dark, wherever it is shown: that one is black.
+    entry in front of one that waits takes longer by the guide, wherever it is shown, and ends in
+    the dark: that one is black, and no order names it.
     """
 
     def __init__(self) -> None:
@@ -55,9 +56,7 @@ class TablesAround:
     def hold(self, joined: JoinedTables) -> None:
         """The device has these."""
         self._tables = frozenset(joined.tables)
-        self._numbers = {
-            (one, n in joined.waiting): n for n, one in reversed([*enumerate(joined.entries)])
-        }
+        self._numbers = {(one, n in joined.waiting): n for n, one in enumerate(joined.entries)}
 
     def part(self) -> None:
         """The device has them no longer."""
@@ -85,5 +84,5 @@ def join_tables(tables: Sequence[_Table]) -> JoinedTables:
     black = tables[0][-1]
     first = dict.fromkeys(table[0] for table in tables)
     rest = dict.fromkeys(one for table in tables for one in table if one != black)
-    entries = (*(one for begin in first for one in (begin, black)), *rest, black)
-    return JoinedTables(tuple(tables), entries, frozenset(range(0, 2 * len(first), 2)))
+    entries = (*(one for begin in first for one in (black, begin)), *rest, black)
+    return JoinedTables(tuple(tables), entries, frozenset(range(1, 2 * len(first), 2)))

@@ -197,6 +197,19 @@ def test_photos_one_after_the_other(keeps: bool) -> None:
         assert check_all(pair, frames) == [len(frames)]
 
 
+@pytest.mark.parametrize("keeps", [True, False])
+@pytest.mark.parametrize("start", ["trigger", "chain", "software"])
+def test_photos_that_come_around(start: str, keeps: bool) -> None:
+    """Black rows between codes among them: with a trigger one black entry takes longer."""
+    pair = DmdPair(SIZE, GRID, unit=VirtualDmdOptions(keeps_images=keeps), start=start)
+    schedules: tuple[ScheduleName, ...] = ("both", "none", "full")
+    parts = [make_codes(20 + n, schedules[n], passes=3 - n) for n in range(3)]
+    for frames in 5 * parts:
+        assert check_all(pair, frames) == [len(frames)]
+    for frames in (*parts, make_codes(30), *parts):
+        assert check_all(pair, frames) == [len(frames)]
+
+
 @pytest.mark.parametrize("start", ["chain", "software"])
 @pytest.mark.parametrize(
     ("count", "schedule", "passes", "tables"),
