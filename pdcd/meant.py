@@ -9,7 +9,7 @@ from collections.abc import Iterable
 _PER_UNIT = {"ms": 0.001, "s": 1.0, "sec": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)"
 _MOST_READ = 64
-"""Characters of a text beyond which nobody meant a number: expressions may take the square of it."""
+"""Characters of a text beyond which nobody meant a number; expressions may take their square."""
 _PAIR = re.compile(r"\s*(\d+)\s*[x,;* -]\s*(\d+)\s*")
 
 

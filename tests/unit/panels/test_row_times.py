@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -304,7 +304,8 @@ def test_dark_time_counts_in_the_planned_exposure() -> None:
 def test_an_exposure_that_is_balanced_may_last_as_long_as_its_retries() -> None:
     """Its guardian must not end it while codes that were missed are shown again."""
     frames, _ = plain()
-    for on_miss, passes in (("balance", 3), ("abort", 1)):
+    cases: tuple[tuple[Literal["balance", "abort"], int], ...] = (("balance", 3), ("abort", 1))
+    for on_miss, passes in cases:
         config = Config(rig=RigConfig(on_miss=on_miss, retries=2))
         settings = with_exposure_times(CameraSettings(100, 8.0), config, frames, 60.0)
         assert settings.exposure_s is not None and settings.longest_s is not None
