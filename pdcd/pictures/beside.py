@@ -17,8 +17,9 @@ from pdcd.arrays import Floats
 from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.learn import PilotFindings
 from pdcd.pictures.picture import Errors, Picture
+from pdcd.pictures.quad_samples import QuadSample, sample_quads
 from pdcd.pictures.smooth import HALF_LIGHT_CELLS
-from pdcd.pictures.to_cells import QuadSample, average_image, average_picture, sample_quads
+from pdcd.pictures.to_cells import average_image, average_picture
 from pdcd.pictures.to_quads import spread_errors
 from pdcd.pictures.weights import CellWeights
 from pdcd.probing.deviation import compute_row_deviations

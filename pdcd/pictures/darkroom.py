@@ -129,9 +129,8 @@ class Darkroom:
         for another time than was planned, and then all is as it was.
         """
         raw, repeated = self._read(shot), self._repeated
-        open_s = (shot.close_ns - shot.open_ns) * 1e-9
-        doubt = describe_time_conflict(shot.planned_s or open_s, open_s, raw.exposure_s)
-        if doubt:
+        open_s = shot.open_s
+        if doubt := describe_time_conflict(shot.planned_s or open_s, open_s, raw.exposure_s):
             raise DecodeError(doubt)
         realised = repeated.find(shot, frames, log) or self._realise(shot, frames, log)
         repeated.keep(shot, frames, log, realised)
@@ -402,12 +401,11 @@ class Darkroom:
         self._check(shot, raw)
         raw = self._without_dead(shot, self._without_full(shot, raw))
         raw = raw if self._side == 1 else raw.binned(self._side)
-        exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
         factors = self._to_units(shot.iso, shot.f_number) / (shot.level or 1.0)
         realised = shown.realised
         if shot.window == "whole":
             realised = replace(realised, apart=self._strips)
-        return RawShot(raw, profile, shot.iso, exposure_s, factors, realised, shown.missed)
+        return RawShot(raw, profile, shot.iso, shot.open_s, factors, realised, shown.missed)
 
     def _without_full(self, shot: ShotRecord, raw: RawFrame) -> RawFrame:
         """The same with full samples as saturated ones, by where those of this photo or of one

@@ -26,12 +26,13 @@ from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.photos import make_corrected_photos
 from pdcd.pictures.picture import Picture, PictureWithErrors, combine_photos
+from pdcd.pictures.quad_samples import QuadSample
 from pdcd.pictures.sigma import (
     estimate_photo_quad_shares,
     sample_part_quads,
     to_quad_errors,
 )
-from pdcd.pictures.to_cells import QuadSample, average_light, average_part, choose_part_cells
+from pdcd.pictures.to_cells import average_light, average_part, choose_part_cells
 from pdcd.recipes.parts import FEWEST_PARTS, select_parts
 from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.record import ShotRecord
@@ -179,10 +180,8 @@ class RollingPictures:
         used = [shots[name] for photo in self._recipe.photos for _, name in photo.shots]
         lost = np.logical_or.reduce([one.saturated for one in used])
         if self._lost is None or (lost != self._lost).any():
-            self._lost, self._picked = (
-                lost,
-                sample_part_quads(used, self._darkroom.cells, _QUADS_ALONG),
-            )
+            self._lost = lost
+            self._picked = sample_part_quads(used, self._darkroom.cells, _QUADS_ALONG)
 
 
 def keep_answer(recipe: Recipe) -> Recipe:

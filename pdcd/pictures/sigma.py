@@ -19,14 +19,9 @@ import scipy
 from pdcd.arrays import Floats
 from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.picture import Picture, PictureWithErrors, sum_weighted, with_error_bars
+from pdcd.pictures.quad_samples import SAMPLED, QuadSample, sample_quads
 from pdcd.pictures.smooth import average_neighbour_weights
-from pdcd.pictures.to_cells import (
-    SAMPLED,
-    QuadSample,
-    average_light,
-    choose_part_cells,
-    sample_quads,
-)
+from pdcd.pictures.to_cells import average_light, choose_part_cells
 from pdcd.pictures.weights import CellWeights
 from pdcd.recipes.parts import list_parts
 from pdcd.recipes.recipe import Recipe
@@ -183,7 +178,7 @@ def sample_part_quads(
     used: Sequence[ExposedShot], cells: CellMap, along: int = SAMPLED
 ) -> QuadSample | None:
     """The quads by which `estimate_photo_quad_errors` goes; None where each cell has one. along :
-    of `pdcd.pictures.to_cells.sample_quads`."""
+    of `pdcd.pictures.quad_samples.sample_quads`."""
     parted = choose_part_cells(cells)
     picked = sample_quads(used, parted, along=along)
     if parted is not cells and picked.share_told() < _MOST_TOLD:  # blur mixes halves everywhere

@@ -10,13 +10,11 @@ matters the light of cells is told apart (`_Apart`).
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from pdcd.arrays import Bools, Floats, Indices
@@ -34,8 +32,6 @@ _AMID_QUADS = 2.5
 """Quads from the edges of a cell from which on those tell of it alone whose cells are fine enough:
 how much a lens blurs nobody may have said, and direct light of the next cell looks like indirect
 light from there."""
-_UNMIXED = 3
-"""Quads so far apart see nothing of each other by a blur that nobody may have said."""
 _STEPS = 12
 """After so many, a mixture of half a cell with its neighbours is parted to a thousandth."""
 _FINE = 1.6
@@ -47,11 +43,7 @@ do."""
 _MANY = 400
 """Quads in a cell, or in half of one, from which those that see another as well do not count: they
 lessen what the codes err by 1 % or less."""
-SAMPLED = 4
-"""Quads along a side of what sees a cell alone that tell what single quads err by."""
-_APART = 3.5
-"""Standard deviations of a blur from which two quads have hardly any light in common: 5 %."""
-_SMEARED = 3.0
+SMEARED = 3.0
 """Standard deviations of a blur that count as smeared."""
 
 
@@ -205,14 +197,14 @@ def _tell_apart(
     that is enough.
     """
     alone = known & cells.single
-    for used in (alone & _amid(cells), alone):
+    for used in (alone & find_inner_quads(cells), alone):
         share = cells.mean(used[..., None].astype(np.float64))[wanted]
         if share.min(initial=1.0) >= least:
             return _Apart(cells, known, used, pure=True)
     return _Apart(cells, known, known, pure=False)
 
 
-def _amid(cells: CellMap) -> Bools:
+def find_inner_quads(cells: CellMap) -> Bools:
     """(h, w), quads that tell of a cell alone whatever a lens blurs; none where cells have few."""
     if _AMID_QUADS * cells.quad_cells**0.5 >= 0.5 or not cells.quad_cells:
         return np.zeros(cells.frame, np.bool_)
@@ -318,92 +310,6 @@ def average_shots(
     return AveragedShots(averaged, alike, np.flatnonzero(unseen))
 
 
-@dataclass(frozen=True, eq=False)
-class QuadSample:
-    """Some quads of each cell that see nothing else.
-
-    rows, columns : of the frame, of which the quads `picked` (R, C) count. cell : (Q,), which one
-    each of these sees. pairs : (2, M), numbers of those that lie beside each other in a cell, so
-    far apart that no blur mixes them. grid : (rows, cols) of cells.
-    """
-
-    rows: slice
-    columns: Indices
-    picked: Bools
-    cell: Indices
-    pairs: Indices
-    grid: tuple[int, int]
-
-    def share_told(self) -> float:
-        """Share of the cells of which two quads or more were picked."""
-        return float(np.mean(np.bincount(self.cell, minlength=self.grid[0] * self.grid[1]) > 1))
-
-    def take(self, read: Callable[[slice], NDArray[np.floating]]) -> Floats:
-        """What can be read of some rows of a frame, of these quads, (Q, C)."""
-        values = read(self.rows)
-        row, column = self._places
-        flat = values.reshape(-1, values.shape[2])
-        return np.asarray(flat.take(row * values.shape[1] + column, axis=0), dtype=np.float64)
-
-    @functools.cached_property
-    def _places(self) -> tuple[Indices, Indices]:
-        row, column = np.nonzero(self.picked)
-        return row, self.columns[column]
-
-    def sums(self, values: Floats, side: int = 1) -> Floats:
-        """Sums of values (Q, C) over each cell and those around it, a square of `side`: (N, C)."""
-        return self.of_pairs(values, self.cell, side)
-
-    def of_pairs(self, values: Floats, cell: Indices, side: int) -> Floats:
-        """The same of values (M, C) that belong to these cells (M,)."""
-        size = self.grid[0] * self.grid[1]
-        sums = np.zeros((size, values.shape[1]))
-        for channel, one in enumerate(values.T):
-            sums[:, channel] = np.bincount(cell, one, size)
-        return sums if side == 1 else side**2 * self.around(sums, side)
-
-    def around(self, values: Floats, side: int) -> Floats:
-        """Means of values of cells (N, C) over squares of `side` around them, 0 beyond the grid."""
-        table = values.reshape(*self.grid, -1)
-        mean = scipy.ndimage.uniform_filter(table, (side, side, 1), mode="constant")
-        return np.asarray(mean.reshape(values.shape))
-
-
-def sample_quads(
-    shots: Sequence[ExposedShot], cells: CellMap, *, within: bool = False, along: int = SAMPLED
-) -> QuadSample:
-    """Some quads of each cell that no shot saturates, for
-    `pdcd.pictures.sigma.estimate_quad_errors` and, well `within` cells that are fine enough, for
-    `pdcd.pictures.beside.estimate_quad_paths`. along : how many of those along a side of what sees
-    a cell alone."""
-    side = cells.quad_cells**-0.5 if cells.quad_cells else 1.0
-    step = max(1, int((side - 2.0 * _SMEARED * cells.blur_quads) / along))
-    apart = max(int(np.clip(side / 4.0, 1.0, _UNMIXED)), int(np.ceil(_APART * cells.blur_quads)))
-    rows = slice(step // 2, cells.frame[0], step)
-    columns = np.arange(cells.frame[1])
-    columns = columns[(columns % step == 0) | within & ((columns - apart) % step == 0)]
-    whole = cells.known & cells.single
-    if within and (inner := whole & _amid(cells)).any():
-        whole = inner
-    known = whole[rows][:, columns]
-    for shot in shots:
-        known &= ~shot.saturated[rows][:, columns]
-    y = np.arange(cells.frame[0])[rows] + 0.5
-    places = cells.filled.to_field(np.stack(np.meshgrid(columns + 0.5, y), axis=-1)[known])
-    cell = np.zeros(len(places), dtype=np.int64)
-    for place, count in zip(places.T[::-1], cells.grid, strict=True):
-        cell = cell * count + np.clip(place * count, 0, count - 1).astype(np.int64)
-    number = np.full(known.shape, -1)
-    number[known] = np.arange(cell.size)
-    other = np.searchsorted(columns, columns + apart) % columns.size
-    other = np.where(columns[other] == columns + apart, other, 0)
-    first, second = number, np.where(other > 0, number[:, other], -1)
-    both = (first >= 0) & (second >= 0)
-    pairs = np.stack([first[both], second[both]])
-    pairs = pairs[:, cell[pairs[0]] == cell[pairs[1]]]
-    return QuadSample(rows, columns, known, cell, pairs, cells.grid)
-
-
 def choose_part_cells(cells: CellMap) -> CellMap:
     """The map of what parts are averaged over: of half cells each way where quads are so fine that
     many lie in one, and else of cells.
@@ -433,7 +339,7 @@ def are_all_quads_used(cells: CellMap) -> bool:
 def _half_side(cells: CellMap) -> float:
     """Quads along a side of half a cell, beyond what a blur smears."""
     side = 0.5 * cells.quad_cells**-0.5 if cells.quad_cells else 0.0
-    return side - _SMEARED * cells.blur_quads
+    return side - SMEARED * cells.blur_quads
 
 
 def _part_neighbours(cells: CellMap, known: Bools | None) -> _Apart | None:

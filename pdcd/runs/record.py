@@ -60,6 +60,11 @@ class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
     """How often each code was shown over how often it was to be; None where codes differ. The shot
     is divided by it, so that photos of several shots take the same share of each."""
 
+    @property
+    def open_s(self) -> float:
+        """How long the shutter was open."""
+        return (self.close_ns - self.open_ns) * 1e-9
+
 
 class MeterRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A test exposure: one that set an aperture, or a dark photo that looked for leaks."""

@@ -142,7 +142,7 @@ def judge_exposure_times(
     shot, 0 where its file says nothing."""
     found = []
     for shot in shots:
-        open_s = (shot.close_ns - shot.open_ns) * 1e-9
+        open_s = shot.open_s
         told = describe_time_conflict(shot.planned_s or open_s, open_s, told_s.get(shot.name, 0.0))
         if told:
             found.append((shot, told))

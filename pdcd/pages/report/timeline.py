@@ -108,7 +108,7 @@ def make_light_budget(record: RunRecord, shots: Mapping[str, ExposedShot]) -> li
 
 
 def _line(shot: ShotRecord, exposed: ExposedShot, record: RunRecord) -> dict[str, Any]:
-    exposure_s = max((shot.close_ns - shot.open_ns) * 1e-9, 1e-9)
+    exposure_s = max(shot.open_s, 1e-9)
     level = shot.level or 1.0  # what the light of the shot was divided by
     realised, cells = exposed.realised, exposed.realised.coaxial.size
     down, across = (max(n // _LOOKED_AT, 1) for n in exposed.saturated.shape)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pdcd.pictures.bars import add_known_errors
 from pdcd.pictures.picture import Picture
+from pdcd.pictures.quad_samples import QuadSample
 from pdcd.pictures.sigma import _inverse_trigamma, estimate_quad_errors, measure_error_bars
-from pdcd.pictures.to_cells import QuadSample
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import make_recipe

@@ -19,8 +19,9 @@ from pdcd.pictures.beside import estimate_quad_paths, map_neighbour_light
 from pdcd.pictures.exposed import ComputedShot
 from pdcd.pictures.learn import learn_paths
 from pdcd.pictures.picture import PictureWithErrors
+from pdcd.pictures.quad_samples import sample_quads
 from pdcd.pictures.sigma import estimate_quad_errors
-from pdcd.pictures.to_cells import sample_quads, unmix_cells
+from pdcd.pictures.to_cells import unmix_cells
 from pdcd.pictures.weights import weigh_cells
 from pdcd.planning.make import plan_with_prior
 from pdcd.probing.realised import collect_factors, compute_bench_factors
