@@ -49,8 +49,7 @@ class TablesAround:
         if not self._lately or self._lately[-1] != one:
             self._lately.append(one)
         del self._lately[:-_REMEMBERED]
-        *_, since = (n for n, other in enumerate(self._lately) if other == one)
-        before = [n for n, other in enumerate(self._lately[:since]) if other == one]
+        before = [n for n, other in enumerate(self._lately[:-1]) if other == one]
         return list(dict.fromkeys(self._lately[before[-1] :])) if len(before) >= _ROUNDS else []
 
     def hold(self, joined: JoinedTables) -> None:

@@ -110,19 +110,21 @@ class DmdPanel:
         planes : keys of those that have light, all different, `most_planes` at most. table : of
         these, and of black at its end.
         """
-        around, plan = self._around.find_round(table), dict[int, tuple[bytes, ...]]()
-        if self._around.find(table) is None:
-            plan = self._place(planes)
-            for number, keys in plan.items():
-                self._pack_picture(number, keys, draw(keys))
-            self._is_black = False
-            self._stop()
-            joined = join_tables(around) if around and self._takes_orders else None
-            if joined is not None and self._has_room(joined.entries):
-                self._program(joined.entries, len(joined.entries), joined.waiting)
-                self._around.hold(joined)
-            else:
-                self._program(table, len(table))
+        around = self._around.find_round(table)
+        if self._around.find(table) is not None:
+            self.black()
+            return 0
+        plan = self._place(planes)
+        for number, keys in plan.items():
+            self._pack_picture(number, keys, draw(keys))
+        self._is_black = False
+        self._stop()
+        joined = join_tables(around) if around and self._takes_orders else None
+        if joined is not None and self._has_room(joined.entries):
+            self._program(joined.entries, len(joined.entries), joined.waiting)
+            self._around.hold(joined)
+        else:
+            self._program(table, len(table))
         self.black()
         return len(plan)
 

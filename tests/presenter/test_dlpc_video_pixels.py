@@ -139,6 +139,7 @@ def test_a_capture_with_it(
     with (folder / "frames.csv").open() as log:
         rows = list(csv.DictReader(log))
     codes = [int(row["code"]) for row in rows]  # a missed refresh shows a picture's 24 once more
+    assert len(rows) == 64 + 24 * sum(int(row["missed"]) for row in rows)
     assert sorted(set(codes)) == list(range(64)) and codes[:24] == list(range(24))
     assert {row["dark_ns"] for row in rows[:23]} == {"0"}
     assert any("planes" in warning for warning in result.warnings)  # of outputs out of step
