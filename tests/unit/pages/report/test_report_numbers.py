@@ -91,6 +91,7 @@ def shot(name: str, open_ns: int = 0, close_ns: int = 10**9, **fields: Any) -> A
     told = {
         "name": name, "open_ns": open_ns, "close_ns": close_ns, "refreshes": 3, "source": "mock",
         "verified": True, "iso": 100, "f_number": 2.0, "level": None,
+        "open_s": (close_ns - open_ns) * 1e-9,
     }  # fmt: skip
     return SimpleNamespace(**(told | fields))
 
