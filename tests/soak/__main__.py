@@ -17,7 +17,7 @@ from random import Random
 from tests import world
 from tests.bench.report import write_soak
 from tests.soak.benches import BENCHES
-from tests.soak.episode import Episode
+from tests.soak.episode import LONG, Episode
 from tests.soak.page import LivePage
 from tests.soak.tally import Tally
 from tests.soak.wanted import requests
@@ -30,9 +30,12 @@ ABOUT = (
 )
 TURN_S = 120.0
 """How long one bench has its turn."""
-LIVES = {"mocks": (15, 15, 15, 250), "windows": (15, 15, 15, 100), "body": (15, 15, 15, 100)}
-LIVES["card"] = LIVES["body"]
-"""Photos of a daemon's life on each bench, if nothing ends it sooner."""
+LONG_S = 480.0
+"""How long a life may last that tells whether a daemon grows; it may end after the turn."""
+SHORT = (15, 15, 15)
+LIVES = {"mocks": (*SHORT, 400), "windows": SHORT, "body": SHORT, "card": SHORT}
+"""Photos of a daemon's life on each bench, if nothing ends it sooner. Only the mock bench takes
+hundreds of photos in minutes."""
 BUSY = "import sys\nwhile True: pass"
 
 
@@ -91,7 +94,9 @@ def main() -> int:
             ):
                 while time.monotonic() < ends_s:
                     photos = rng.choice(LIVES[name])
-                    Episode(bench, rng, tally, wanted, photos, page).live(ends_s)
+                    last_s = ends_s if photos < LONG else time.monotonic() + LONG_S
+                    life = Episode(bench, rng, tally, wanted, photos, page)
+                    life.live(min(last_s, until_s))
             if args.keep is not None:
                 args.keep.mkdir(parents=True, exist_ok=True)
                 shutil.copy(bench.folder / "log", args.keep / f"{turn:03d}-{name}.log")

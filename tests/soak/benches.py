@@ -39,6 +39,7 @@ class Bench:
     freed : makes a port ready for the next daemon, after one that was killed.
     x_pid : process of the X server, where there is one.
     mounted : whether the state folder is a small file system of its own.
+    live : whether its photos take no seconds each, so that there is a live picture of them.
     provoke : has what photos come from mean harm from now on, or be honest again; None where it
         is the program's own mock.
     """
@@ -51,6 +52,7 @@ class Bench:
     freed: Callable[[], None] = lambda: None
     x_pid: int | None = None
     mounted: bool = False
+    live: bool = False
     provoke: Callable[[bool], None] | None = None
 
     @property
@@ -85,7 +87,7 @@ def _small_disk(folder: Path) -> Iterator[bool]:
 def mocks(folder: Path) -> Iterator[Bench]:
     """All devices mock, on a clock that does not wait: for many captures."""
     with _small_disk(folder) as mounted:
-        yield Bench("mock bench", folder, _written(folder), mounted=mounted)
+        yield Bench("mock bench", folder, _written(folder), mounted=mounted, live=True)
 
 
 class Box:
@@ -144,6 +146,7 @@ def windows(folder: Path) -> Iterator[Bench]:
             lambda: box.open,
             box.freed,
             server.pid,
+            live=True,
         )
 
 

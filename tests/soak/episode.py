@@ -19,7 +19,7 @@ from tests.soak.attacks import ATTACKS, Attack
 from tests.soak.benches import Bench
 from tests.soak.daemons import Daemon
 from tests.soak.lapse import Lapse
-from tests.soak.page import LIVE_BENCHES, STOP_S, LivePage
+from tests.soak.page import STOP_S, LivePage
 from tests.soak.tally import Row, Tally
 
 DARK_S, CLOSED_S = 1.0, 1.0
@@ -33,12 +33,16 @@ SILENT_S = 2.0
 SPARE = {"descriptors": 4, "threads": 3, "processes": 1}
 """How many more a daemon may hold in the end than after its first photo."""
 WARM = 5
-"""Photos after which a daemon has all it is going to hold."""
+"""Photos after which a daemon has all descriptors, threads and processes it is going to hold."""
+SETTLED = 100
+"""Photos after which it has taken every kind of photo, and its memory is what it is going to be."""
 ROOM = 25
 """Photos after which their folders are looked at and removed: the disk of a soak is small."""
+GROWN_MIB = 16.0
+"""How much may come and go in between: some photos take more than others."""
 CALM, KILLS = 0.15, 0.9
 """Share of photos that are left in peace, and of attacks that are drawn among kills only."""
-LONG, LONG_CALM = 100, 0.75
+LONG, LONG_CALM = 2 * SETTLED, 0.75
 """A life of so many photos or more is ended by no attack, and more of it is left in peace: only
 such a life shows how a daemon grows."""
 
@@ -115,12 +119,14 @@ class Episode:
                 if daemon.alive and taken == WARM:
                     self._stop_picture(daemon)
                     before = processes.holdings(daemon.pid)
+                if daemon.alive and taken == SETTLED:
+                    self._stop_picture(daemon)
                     first_mib = processes.resident(daemon.pid)
             self._stop_picture(daemon)
             if daemon.alive:
                 self._leaks(daemon, before)
-                if taken >= 5 * WARM:
-                    self._grown(taken - WARM, first_mib, processes.resident(daemon.pid))
+                if taken >= LONG:
+                    self._grown(taken - SETTLED, first_mib, processes.resident(daemon.pid))
                 self._ended_politely(daemon)
             self._tally.beat_gap_s = max(self._tally.beat_gap_s, daemon.gap_s)
             self._tally.answers += daemon.kinds
@@ -157,7 +163,7 @@ class Episode:
             attack.after(daemon)
             self._made_safe(attack, row, daemon)
         self._tally.rss_mib = max(self._tally.rss_mib, processes.rss_mib(daemon.pid))
-        if daemon.alive and self._bench.name in LIVE_BENCHES:
+        if daemon.alive and self._bench.live:
             live = self._page.watch_picture(self._rng.randint(1, 5))
             self._promise(live or not daemon.alive, f"no live picture: {self._page.trouble}")
 
@@ -228,9 +234,10 @@ class Episode:
             self._promise(kept, f"{name} grew from {before[name]} to {count}")
 
     def _grown(self, photos: int, first: dict[int, float], now: dict[int, float]) -> None:
-        """Take note of the growth of those processes that lived through all these photos."""
+        """No growth to speak of, of those processes that lived through all these photos."""
         mib = sum(now[pid] - first[pid] for pid in first.keys() & now.keys())
         self._tally.growth.append((photos, mib))
+        self._promise(mib <= GROWN_MIB, f"it grew by {mib:.1f} MiB in {photos} photos")
 
     def _ended_politely(self, daemon: Daemon) -> None:
         daemon.look()

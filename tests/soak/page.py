@@ -21,8 +21,6 @@ from urllib.parse import urlsplit
 from tests.soak import processes
 from tests.soak.tally import Tally
 
-LIVE_BENCHES = ("mock bench", "windows")
-"""Benches whose photos take no seconds each, so that there is a live picture of them."""
 REQUEST = {"goal": "indirect", "codes": 8, "window": "whole", "rate_hz": 30.0}
 STOP_S = 2.0
 """How long the rig may be held after its stream was closed, on a machine that is this busy."""

@@ -70,7 +70,7 @@ class Tally:
                 f"{self.beat_gap_s:.2f} s",
             ),
             ("largest resident memory, all processes of a daemon", f"{self.rss_mib:.0f} MiB"),
-            ("growth of a daemon and of what lived as long, over 1000 captures", self._growth()),
+            ("growth of a daemon and of what lived as long, after 100 captures", self._growth()),
             ("live pictures on a page that was open throughout", self._pictures()),
             ("the rig was free after the page closed them, p50 / p99 / max", self._stops()),
             ("growth of the page's server", self._page()),
@@ -106,10 +106,8 @@ class Tally:
         return ", ".join(f"{kind} {count}" for kind, count in self.answers.most_common()) or "none"
 
     def _growth(self) -> str:
-        taken = sum(count for count, _ in self.growth)
-        if not taken:
-            return "not measured"
-        return f"{1000.0 * sum(mib for _, mib in self.growth) / taken:.1f} MiB ({taken} captures)"
+        grown = (f"{mib:.1f} MiB in {count} more" for count, mib in self.growth)
+        return ", ".join(grown) or "not measured"
 
 
 def _tell_shares(seconds: list[float], none: str, what: str) -> str:
