@@ -275,13 +275,14 @@ class DmdPanel:
         self._around.part()
         places = {key: (n, bit) for n, held in enumerate(self._pictures)
                   for bit, key in enumerate(held)}  # fmt: skip
-        options = self._options.led, self._options.trigger_bit
+        led, pulse = self._options.led, self._options.trigger_bit
         packed = [
             pack_entry(
                 n,
                 (one.exposure_us, one.dark_us),
                 places[one.plane],
-                (int(n in waiting), *options),
+                # Black is quiet, so that pulses can be counted while the shutter is open.
+                (int(n in waiting), led, 1 - pulse if one.plane == BLACK_PLANE else pulse),
             )
             for n, one in enumerate(table)
         ]

@@ -182,7 +182,8 @@ class Dlpc900Display:
         self, progress: Callable[[int, int, int], None], cancelled: Callable[[], bool]
     ) -> FrameLog:
         """Show all loaded rows once, then black. The log's times are those of one start and the
-        table's sums; that the devices kept them is proven by nothing, and `verified` is False."""
+        table's sums; only a camera that counts pulses of both can prove them, and `verified` is
+        False."""
         self._take_turn()
         sequence = self._get_loaded()
         rows, starts = sequence.asked.shape[1], []

@@ -25,8 +25,8 @@ class DmdOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     usb: _Name = "libusb"
     """The machine's own, or the name of a driver of the role `usb`."""
     trigger_bit: Literal[0, 1] = 1
-    """Bit 0 of byte 9 of each entry: whether TRIG_OUT_2 pulses, or is quiet; guide and programs
-    disagree which is which."""
+    """Bit 0 of byte 9 of each entry with light, for a pulse at TRIG_OUT_2; guide and programs
+    disagree which value it needs. Entries of `dlpc900` that are black have the other."""
     led: Annotated[int, Meta(ge=0, le=7)] = 1
     """LEDs that are lit with each plane, as bits."""
     rest: Literal["black", "standby", "idle"] = "black"

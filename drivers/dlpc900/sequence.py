@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +125,13 @@ class DmdSequence:
                     delay_s=self.delay_us[part] / 1e6 if self.delay_us.any() else None,
                 )
             )
-        return join_logs(logs)
+        pulses = self._count_lit(0), self._count_lit(1)
+        return replace(join_logs(logs), pulses=pulses)
+
+    def _count_lit(self, side: int) -> int:
+        """Entries of all tables of a panel that are not black: each gives a pulse."""
+        tables = (self.make_table(side, block, joined=self.joined) for block in self.blocks)
+        return sum(one.plane != BLACK_PLANE for table in tables for one in table)
 
 
 def count_row_us(row_hz: float) -> int:

@@ -185,6 +185,7 @@ class GenicamCamera:
             if settings.iso not in self._black or not self._primed:
                 self._black[settings.iso] = self._find_black()
             self._plan(settings.exposure_s)
+            device.restart_counters()
             self._frames.forget()
 
     def expect(self, exposure_s: float) -> None:
@@ -299,6 +300,7 @@ class GenicamCamera:
                     device=CAMERA_DEVICE,
                     hint="take it again",
                 )
+            pulses = device.count_pulses()
             record = device.record()
         return PhotoFrame(
             samples,
@@ -310,6 +312,7 @@ class GenicamCamera:
             cfa=device.pixel_format.cfa,
             record=record
             | {"FrameID": f"{buffer.frame_id}", "Timestamp": f"{buffer.timestamp_ns}"},
+            pulses=pulses,
         )
 
     def _plan(self, exposure_s: float | None, *, exact: bool = False) -> tuple[float, float]:

@@ -16,6 +16,7 @@ from functools import partial
 from pdcd.driver import ConfigError, DeviceLost, PhotoError
 
 from .aravis import AravisCamera, AravisError, FoundCamera, RawBuffer, list_cameras
+from .counters import PulseCounters
 from .features import (
     GAIN_FEATURES,
     PLAIN_ONES,
@@ -176,6 +177,9 @@ class GenicamDevice:
                 camera.set_number("BlackLevel", options.black_level)
             self._tells_waiting = self._find_waiting()
             self._set_start(options.exposure)
+        with report_errors("counting pulses"):
+            lines = options.pulses
+            self._counters = None if lines is None else PulseCounters(camera, lines)
         self.levels = SampleLevels(self.pixel_format, options.white_dn, told=self._find_white())
         with report_errors("its stream"):
             self.on_network = camera.on_network
@@ -273,6 +277,19 @@ class GenicamDevice:
                 device=CAMERA_DEVICE,
                 hint="take it again",
             )
+
+    def restart_counters(self) -> None:
+        """Count pulses from now on, where `GenicamOptions.pulses` says of which inputs."""
+        if self._counters is not None:
+            with report_errors("counting pulses"):
+                self._counters.restart()
+
+    def count_pulses(self) -> tuple[int, int] | None:
+        """Pulses since then, of projector and mask; None where none are counted."""
+        if self._counters is None:
+            return None
+        with report_errors("its counters"):
+            return self._counters.read()
 
     def statistics(self) -> tuple[int, int, int]:
         """Frames that came whole, that failed, and that found no buffer."""

@@ -12,6 +12,7 @@ from pdcd.driver import Config, merge_camera_options, read_options
 GENICAM_DRIVERS = ("genicam", "virtual-genicam")
 """Drivers that have these options."""
 
+_Line = Annotated[str, Meta(min_length=1)]
 ExposureName = Literal["timed", "width", "edge"]
 
 
@@ -24,7 +25,7 @@ class GenicamOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     exposure: ExposureName = "timed"
     """What begins and ends an exposure: "timed", a command, and the camera's own clock; "width", a
     line that the shutter's driver holds; "edge", an edge of that line, and the camera's clock."""
-    line: Annotated[str, Meta(min_length=1)] = "Line1"
+    line: _Line = "Line1"
     """The camera's input for "width" and "edge"."""
     active_low: bool = False
     """The camera exposes while that line is low, or from its falling edge on."""
@@ -49,6 +50,10 @@ class GenicamOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Of a camera on the network; None: as large as the way takes them."""
     resend: bool = True
     """Ask a camera on the network again for packets that did not come."""
+    pulses: tuple[_Line, _Line] | None = None
+    """Inputs that TRIG_OUT_2 of the projector's and of the mask's DMD are wired to, "Line3" for
+    example: the camera counts their pulses, which proves that every code was shown. None: nothing
+    is counted."""
     wait_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 5.0
     """How long a frame may take to come after the end of its exposure."""
 

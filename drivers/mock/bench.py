@@ -55,6 +55,10 @@ class WatchedPanels(Protocol):
         """What both show now, in one row; None is black."""
         ...
 
+    def count_pulses(self, side: int, low_ns: int, high_ns: int) -> int:
+        """How many began at the output of projector or mask from then on, until before then."""
+        ...
+
 
 @dataclass
 class MockBench:

@@ -103,6 +103,11 @@ class DmdPanels:
             self._held = contents, frames
         return self._held[1]
 
+    def count_pulses(self, side: int, low_ns: int, high_ns: int) -> int:
+        """At TRIG_OUT_2, which the bench's camera may count."""
+        pulses = self._devices[side].list_pulses(2, low_ns, high_ns)
+        return sum(low_ns <= rise_ns < high_ns for rise_ns, _ in pulses)
+
     def _make_frames(self, sides: Sequence[Sequence[PlayedContent]], count: int) -> Frames:
         """Frames of cells, where all that was shown are cells of the bench's grid as they are drawn
         on these panels; else of the panels' own pixels."""

@@ -32,6 +32,7 @@ _WAIT_S = 60.0
 """How long a frame may take: until the light of an exposure is worked out."""
 _PACKET_BYTES = 9000
 """The loopback takes more, and the simulator has no test packets to find it out."""
+_SIDES = {"Line2": 0, "Line3": 1}
 _PLACES = {"R": ((0, 0),), "G": ((0, 1), (1, 0)), "B": ((1, 1),)}
 """Where the bench's sensor has a colour in its quads."""
 
@@ -59,6 +60,11 @@ class BenchLight:
         if self._bench.shutter_open:
             self._bench.close_shutter(asked_ns)
         return asked_ns
+
+    def count_pulses(self, line: str, low_ns: int, high_ns: int) -> int:
+        """Those of the projector come to Line2, those of the mask to Line3."""
+        panels = self._bench.panels
+        return 0 if panels is None else panels.count_pulses(_SIDES[line], low_ns, high_ns)
 
     def make_samples(self, exposure: VirtualExposure) -> NDArray[np.uint16]:
         """The bench's photo, quads of a mosaic in the order of the format."""
@@ -112,6 +118,7 @@ class HostedCamera(GenicamCamera):
             ),
             film,
             context.clock,
+            count_pulses=film.count_pulses,
         )
         options = msgspec.structs.replace(
             options,

@@ -20,6 +20,8 @@ from pdcd.driver import Clock
 
 from ..genicam.pixels import BY_CODE, PixelFormat, pack_samples
 from .description import (
+    COUNTER_SOURCES,
+    COUNTERS,
     EXPOSURE_MODES,
     STARTED,
     STARTED_ANEW,
@@ -124,6 +126,7 @@ class _Running:
 class VirtualGenicamCamera:
     """Such a camera, which can be reached at `VIRTUAL_ADDRESS` between `start` and `stop`.
 
+    count_pulses : how many came to an input, "Line2" or "Line3", from a time until before another.
     exposures : that came to their end. missed : triggers that came while one went on.
     """
 
@@ -131,6 +134,7 @@ class VirtualGenicamCamera:
     film: LightFilm
     clock: Clock
     faults: CameraFaults = field(default_factory=CameraFaults)
+    count_pulses: Callable[[str, int, int], int] = lambda _line, _low_ns, _high_ns: 0
     exposures: int = 0
     missed: int = 0
     _begun: int = 0
@@ -216,6 +220,16 @@ class VirtualGenicamCamera:
             ended.wait(_LOOK_S if wanted and quiet < _QUIET else _IDLE_S)
         self._give_up()
 
+    def _count(self, simulator: HostedSimulator, exposure: VirtualExposure) -> None:
+        """Let counters go on by what came in an exposure."""
+        lines = {value: line for line, value in COUNTER_SOURCES.items() if value}
+        for number in range(len(COUNTERS)):
+            line = lines.get(simulator.read(Register.COUNTER_SOURCES + 4 * number))
+            if line is not None:
+                count = self.count_pulses(line, exposure.open_ns, exposure.close_ns)
+                place = Register.COUNTER_VALUES + 4 * number
+                simulator.write(place, simulator.read(place) + count)
+
     def _give_up(self) -> None:
         """End an exposure of which no frame will come."""
         running, self._running = self._running, None
@@ -288,6 +302,7 @@ class VirtualGenicamCamera:
             logger.error("no frame was made error=%s: %s", type(err).__name__, err)
             simulator.write(Register.WAITS, 1)
             return
+        self._count(simulator, exposure)
         if not self.faults.silent:
             self._send(simulator, ended, samples, exposure.pixel_format)
         simulator.write(Register.WAITS, 1)

@@ -48,6 +48,9 @@ class Register(IntEnum):
     TEMPERATURE_CC = 0x8044
     OFFSET_X = 0x8050
     OFFSET_Y = 0x8054
+    COUNTER = 0x8060
+    COUNTER_SOURCES = 0x8070
+    COUNTER_VALUES = 0x8080
 
 
 STARTED_ANEW, STARTED = 2, 1
@@ -56,6 +59,8 @@ stop before it is seen, too, however short."""
 EXPOSURE_MODES = {"Timed": 0, "TriggerWidth": 1}
 TRIGGER_SOURCES = {"Software": 0, "Line1": 1}
 TRIGGER_ACTIVATIONS = {"RisingEdge": 0, "FallingEdge": 1}
+COUNTERS = ("Counter0", "Counter1")
+COUNTER_SOURCES = {"Off": 0, "Line2": 2, "Line3": 3}
 _OFF = {"Off": 0, "Continuous": 1}
 
 _SCHEMA = "http://www.genicam.org/GenApi/Version_1_1"
@@ -129,6 +134,15 @@ class _Writer:
             Endianess="BigEndian",
         )
         return name
+
+    def counted(self, name: str, address: int, mode: str = "RW") -> str:
+        """A word of each counter; returns its name."""
+        node = self.node("IntReg", f"{name}Register", Address=f"0x{address:X}")
+        SubElement(node, "pIndex", {"Offset": "4"}).text = "CounterSelectorRegister"
+        parts = {"Length": "4", "AccessMode": mode, "pPort": "Device", "Cachable": "NoCache"}
+        for tag, value in (parts | {"Sign": "Unsigned", "Endianess": "BigEndian"}).items():
+            SubElement(node, tag).text = value
+        return f"{name}Register"
 
     def text(self, name: str, category: str, address: int, length: int) -> None:
         """A string that is only read."""
@@ -224,6 +238,7 @@ def write_description(camera: CameraDescription) -> bytes:
     xml.number("ExposureTime", acquisition, Register.EXPOSURE_US, 1, 10.0, 1e6 * camera.longest_s)
     xml.choice("ExposureAuto", acquisition, Register.EXPOSURE_AUTO, _OFF)
     _write_trigger(xml, acquisition)
+    _write_counters(xml, "CounterAndTimerControl")
     analog = "AnalogControl"
     xml.number("Gain", analog, Register.GAIN_CDB, 100, 0.0, camera.gain_db)
     xml.choice("GainAuto", analog, Register.GAIN_AUTO, _OFF)
@@ -257,6 +272,18 @@ def _write_trigger(xml: _Writer, category: str) -> None:
         OnValue=1,
         OffValue=0,
     )
+
+
+def _write_counters(xml: _Writer, category: str) -> None:
+    """Counters of pulses at its inputs."""
+    numbers = {name: number for number, name in enumerate(COUNTERS)}
+    xml.choice("CounterSelector", category, Register.COUNTER, numbers)
+    source = xml.node("Enumeration", "CounterEventSource", category)
+    sources = xml.counted("CounterEventSource", Register.COUNTER_SOURCES)
+    _add_entries(source, COUNTER_SOURCES, sources)
+    values = xml.counted("CounterValue", Register.COUNTER_VALUES)
+    xml.command("CounterReset", category, values, 0)
+    xml.node("Integer", "CounterValue", category, pValue=values, Min=0, Max=2**31 - 1)
 
 
 def _add_entries(node: Element, entries: dict[str, int], value: str) -> None:

@@ -155,6 +155,9 @@ class PhotoFrame:
     record : what the device says of this photo in its own words, pixel format, gain, number and
         temperature for example; kept in the file.
     second : as of `RawFile`.
+    pulses : how many pulses of the projector's and of the mask's output the camera counted since it
+        was armed; None where it counts none. Times of a display that says how many there are to be
+        (`FrameLog.pulses`) are proven by them.
     """
 
     samples: NDArray[np.uint16]
@@ -167,6 +170,7 @@ class PhotoFrame:
     date: datetime | None = None
     record: Mapping[str, str] = field(default_factory=dict)
     second: PhotoFrame | None = None
+    pulses: tuple[int, int] | None = None
 
 
 class Display(Protocol):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pdcd.bench.devices import CameraSettings, DisplayInfo, RawFile
+from pdcd.errors import PhotoError
 from pdcd.panels.frames import FrameLog
 
 
@@ -27,6 +28,23 @@ class RigExposure:
     def open_s(self) -> float:
         """How long the shutter was surely open, by the rig's clock."""
         return (self.close_ns - self.open_ns) * 1e-9
+
+
+def verify_times(log: FrameLog, counted: tuple[int, int] | None) -> FrameLog:
+    """The log, with its times proven where the camera counted every pulse that the panels were to
+    give. Raises PhotoError where it counted others: codes were lost, or shown twice."""
+    if log.pulses is None or counted is None:
+        return log
+    if counted != log.pulses:
+        (primal, dual), (seen, other) = log.pulses, counted
+        raise PhotoError(
+            f"the camera counted {seen} pulses of the projector and {other} of the mask, which "
+            f"were to give {primal} and {dual}",
+            device="display",
+            hint="check the wires from TRIG_OUT_2 to the inputs of camera.options.pulses; where "
+            "about one pulse comes, or none, set the other display.options.trigger_bit",
+        )
+    return replace(log, verified=True)
 
 
 def with_row_times(log: FrameLog, info: DisplayInfo | None) -> FrameLog:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from pdcd.bench.devices import (
     Display,
     DisplayInfo,
     DriverContext,
+    PhotoFrame,
     RawFile,
     Readout,
     RecheckingReadout,
@@ -32,7 +33,7 @@ from pdcd.bench.exposure_time import tell_exposure_time, with_exposure_times, wi
 from pdcd.bench.placed import find_place_faults
 from pdcd.bench.registry import load_driver, name_driver_errors
 from pdcd.bench.tables import Config
-from pdcd.capture.exposure import RigExposure, with_row_times
+from pdcd.capture.exposure import RigExposure, verify_times, with_row_times
 from pdcd.capture.mask_lag import tell_mask_lag_s
 from pdcd.capture.pulse import Pulse
 from pdcd.capture.safety import make_safe, make_safe_beside, release_device
@@ -60,7 +61,15 @@ _LAST_PHOTOS = 9
 """Photos by whose median it is known what a photo costs."""
 
 _Progress = Callable[[int, int, int], None]
-_Stored = tuple[RawFile, Mapping[str, bytes]]
+
+
+class _StoredPhoto(NamedTuple):
+    """A photo as it was fetched, what is in its files where these are in memory alone, and the
+    pulses that the camera counted."""
+
+    raw: RawFile
+    held: Mapping[str, bytes]
+    pulses: tuple[int, int] | None
 
 
 class Rig:
@@ -319,7 +328,7 @@ class Rig:
                 self.shutter, self.clock, moving, name, notify, progress, cancelled
             )
             log, open_ns, close_ns = self._moved(mover, frames, folder)
-            return RigExposure(open_ns, close_ns, log, self._fetched(folder, name)[0], settings)
+            return RigExposure(open_ns, close_ns, log, self._fetched(folder, name).raw, settings)
         open_ns = self.shutter.open()
         notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
         self._context.patience.sleep_until_ns(open_ns + settle_ns)
@@ -334,9 +343,10 @@ class Rig:
         close_ns = self._close()
         shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
-        raw, held = self._fetched(folder, name, hold)
+        photo = self._fetched(folder, name, hold)
+        log = verify_times(log, photo.pulses)
         self._left = frames, int(log.end_ns.max())
-        return RigExposure(open_ns, close_ns, log, raw, settings, held)
+        return RigExposure(open_ns, close_ns, log, photo.raw, settings, photo.held)
 
     def _prepare(self, frames: Frames, settings: CameraSettings, *, again: bool) -> int:
         """Load the frames, both panels black, the camera ready; since when panels are black."""
@@ -415,7 +425,7 @@ class Rig:
         if isinstance(self.readout, RecheckingReadout):
             self.readout.recheck(photos)
 
-    def _fetched(self, folder: Path, name: str, hold: bool = False) -> _Stored:
+    def _fetched(self, folder: Path, name: str, hold: bool = False) -> _StoredPhoto:
         closed_ns = self.clock.now_ns()
         with disk_errors("camera"):
             photo = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
@@ -424,4 +434,5 @@ class Rig:
         raw, held = keep_photo(photo, path, *named, hold=hold)
         self._photos.add(raw.sha256)
         self._readouts_ns.append(self._arming_ns + self.clock.now_ns() - closed_ns)
-        return raw, held
+        pulses = photo.pulses if isinstance(photo, PhotoFrame) else None
+        return _StoredPhoto(raw, held, pulses)

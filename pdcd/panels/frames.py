@@ -101,6 +101,9 @@ class FrameLog:
     dark_s, delay_s : (R,) float64, or None
         As of `Frames`, of what was shown: for how long both panels were black before the next row,
         and by how much the mask began after the projector on purpose. None is none.
+    pulses : how many pulses projector and mask have given at their outputs where they showed just
+        these rows, for a camera that counts them (`pdcd.bench.devices.PhotoFrame`); None of
+        displays without such outputs. No table of refreshes has it.
     """
 
     primal_shown: NDArray[np.int32]
@@ -116,6 +119,7 @@ class FrameLog:
     mask_delay: int = 0
     dark_s: NDArray[np.float64] | None = None
     delay_s: NDArray[np.float64] | None = None
+    pulses: tuple[int, int] | None = None
 
     def __len__(self) -> int:
         return int(self.primal_shown.size)

@@ -42,7 +42,7 @@ def test_a_device_is_taken_over_in_the_guides_order() -> None:
     writes = {one.command: one.data for one in rig.dmds[1].sent if not one.flags & 0x80}
     assert writes[0x1A1B] == b"\x03" and writes[0x1A24] == b"\x02" and writes[0x0201] == b"\0"
     assert writes[0x1A35].hex() == "690000" and writes[0x1A31].hex() == "010000000000"
-    assert writes[0x1A34].hex() == "0000e8030011000000010000"
+    assert writes[0x1A34].hex() == "0000e8030011000000000000"
     data = [one for one in rig.dmds[1].sent if one.command == 0x1A2B]
     assert all(one.flags == 0 for one in data), "no answer may be asked to data"
     assert all(dmd.black for dmd in rig.dmds)
