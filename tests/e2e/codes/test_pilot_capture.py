@@ -57,7 +57,7 @@ def test_a_pilot_makes_mirrors_sharp(tmp_path: Path) -> None:
     for pilot in (0, 64):
         folder = tmp_path / str(pilot)
         folder.mkdir()
-        request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, white=False)
+        request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, parts=1, white=False)
         result = run(folder, request)
         assert result.state == "done", result.error
         errors.append(float(str(result.summary["rms_error_quads"])))
@@ -94,7 +94,7 @@ def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str)
     scene = CORNER if kind == "corner" else SceneConfig(kind=kind, grid=(24, 32))
     errors = []
     for pilot in (0, 64):
-        request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, white=False)
+        request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, parts=1, white=False)
         camera = CameraConfig(noise=noise)  # type: ignore[arg-type]
         result = run(tmp_path / str(pilot), request, camera, scene)
         assert result.state == "done", result.error
