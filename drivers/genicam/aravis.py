@@ -234,6 +234,11 @@ class AravisCamera:
         finally:
             self._lib.glib.g_free(found)
 
+    def choose(self, feature: str, value: str) -> None:
+        """Set an enumeration, where it has another value and offers this one."""
+        if self.get_text(feature) != value and value in self.choices(feature):
+            self.set_text(feature, value)
+
     def execute(self, command: str) -> None:
         """Give a command."""
         self._checked("arv_device_execute_command", command)

@@ -26,7 +26,7 @@ class PulseCounters:
         if len(self._names) < len(lines):
             raise _refuse(f"the camera has {len(self._names)} counters", "leave it out")
         self._names = self._names[: len(lines)]
-        self._begun = [0, 0]
+        self._begun = [0] * len(self._names)
         for name, line in zip(self._names, lines, strict=True):
             camera.set_text("CounterSelector", name)
             sources = camera.choices("CounterEventSource")
@@ -36,26 +36,30 @@ class PulseCounters:
                 )
             camera.set_text("CounterEventSource", line)
             for feature, word in _WORDS:
-                if camera.has(feature) and word in camera.choices(feature):
-                    camera.set_text(feature, word)
+                if camera.has(feature):
+                    camera.choose(feature, word)
             if camera.has("CounterDuration"):  # of one that stops by itself
                 camera.set_integer("CounterDuration", camera.integer_bounds("CounterDuration")[1])
 
     def restart(self) -> None:
         """Count from 0 on."""
-        for number, name in enumerate(self._names):
+        for name in self._names:
             self._camera.set_text("CounterSelector", name)
             if self._camera.has("CounterReset"):
                 self._camera.execute("CounterReset")
-            self._begun[number] = self._camera.get_integer("CounterValue")
+        self._begun = self._read()
 
     def read(self) -> tuple[int, int]:
         """Pulses since then, at the first and the second input."""
-        found = [0, 0]
-        for number, name in enumerate(self._names):
+        first, second = (now - then for now, then in zip(self._read(), self._begun, strict=True))
+        return first, second
+
+    def _read(self) -> list[int]:
+        found = []
+        for name in self._names:
             self._camera.set_text("CounterSelector", name)
-            found[number] = self._camera.get_integer("CounterValue") - self._begun[number]
-        return found[0], found[1]
+            found.append(self._camera.get_integer("CounterValue"))
+        return found
 
 
 def _refuse(what: str, hint: str) -> ConfigError:

@@ -159,7 +159,7 @@ class GenicamDevice:
         with report_errors("setting it up"):
             self._try("AcquisitionStop", camera.stop)  # whoever had it before may have left it on
             for feature, word in PLAIN_WORDS:
-                self._try(feature, partial(self._set_word, feature, word))
+                self._try(feature, partial(camera.choose, feature, word))
             for feature in PLAIN_SWITCHES:
                 self._try(feature, partial(camera.set_boolean, feature, False))
             for feature in PLAIN_ONES:
@@ -325,10 +325,6 @@ class GenicamDevice:
                 raise
             self.unset.append(f"{feature}: {err}")
 
-    def _set_word(self, feature: str, word: str) -> None:
-        if self._camera.get_text(feature) != word and word in self._camera.choices(feature):
-            self._camera.set_text(feature, word)
-
     def _choose_format(self) -> PixelFormat:
         with report_errors("its pixel formats"):
             offered = self._camera.choices("PixelFormat")
@@ -381,7 +377,7 @@ class GenicamDevice:
             selectors = camera.choices("TriggerSelector")
             for other in selectors:
                 camera.set_text("TriggerSelector", other)
-                self._try("TriggerMode", partial(self._set_word, "TriggerMode", "Off"))
+                self._try("TriggerMode", partial(camera.choose, "TriggerMode", "Off"))
             chosen = next((name for name in START_SELECTORS if name in selectors), None)
             if chosen is not None:
                 camera.set_text("TriggerSelector", chosen)

@@ -33,6 +33,7 @@ _WAIT_S = 60.0
 _PACKET_BYTES = 9000
 """The loopback takes more, and the simulator has no test packets to find it out."""
 _SIDES = {"Line2": 0, "Line3": 1}
+"""Whose pulses come to its inputs: the projector's and the mask's."""
 _PLACES = {"R": ((0, 0),), "G": ((0, 1), (1, 0)), "B": ((1, 1),)}
 """Where the bench's sensor has a colour in its quads."""
 
@@ -62,7 +63,7 @@ class BenchLight:
         return asked_ns
 
     def count_pulses(self, line: str, low_ns: int, high_ns: int) -> int:
-        """Those of the projector come to Line2, those of the mask to Line3."""
+        """Those that panels which are not the mock's sent to an input (`_SIDES`)."""
         panels = self._bench.panels
         return 0 if panels is None else panels.count_pulses(_SIDES[line], low_ns, high_ns)
 

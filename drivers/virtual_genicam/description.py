@@ -118,31 +118,23 @@ class _Writer:
             self._features.setdefault(category, []).append(name)
         return node
 
-    def register(self, name: str, address: int, mode: str = "RW") -> str:
-        """A word; returns its name."""
+    def register(self, name: str, address: int, mode: str = "RW", index: str = "") -> str:
+        """A word, or one for each value of the register `index`; returns its name."""
         name = f"{name}Register"
         # An order of parts that the schema asks for. The simulator is written to from within, too.
-        self.node(
-            "IntReg",
-            name,
-            Address=f"0x{address:X}",
-            Length=4,
-            AccessMode=mode,
-            pPort="Device",
-            Cachable="NoCache",
-            Sign="Unsigned",
-            Endianess="BigEndian",
-        )
+        node = self.node("IntReg", name, Address=f"0x{address:X}")
+        if index:
+            SubElement(node, "pIndex", {"Offset": "4"}).text = index
+        for tag, text in (
+            ("Length", "4"),
+            ("AccessMode", mode),
+            ("pPort", "Device"),
+            ("Cachable", "NoCache"),
+            ("Sign", "Unsigned"),
+            ("Endianess", "BigEndian"),
+        ):
+            SubElement(node, tag).text = text
         return name
-
-    def counted(self, name: str, address: int, mode: str = "RW") -> str:
-        """A word of each counter; returns its name."""
-        node = self.node("IntReg", f"{name}Register", Address=f"0x{address:X}")
-        SubElement(node, "pIndex", {"Offset": "4"}).text = "CounterSelectorRegister"
-        parts = {"Length": "4", "AccessMode": mode, "pPort": "Device", "Cachable": "NoCache"}
-        for tag, value in (parts | {"Sign": "Unsigned", "Endianess": "BigEndian"}).items():
-            SubElement(node, tag).text = value
-        return f"{name}Register"
 
     def text(self, name: str, category: str, address: int, length: int) -> None:
         """A string that is only read."""
@@ -278,10 +270,11 @@ def _write_counters(xml: _Writer, category: str) -> None:
     """Counters of pulses at its inputs."""
     numbers = {name: number for number, name in enumerate(COUNTERS)}
     xml.choice("CounterSelector", category, Register.COUNTER, numbers)
+    index = "CounterSelectorRegister"
     source = xml.node("Enumeration", "CounterEventSource", category)
-    sources = xml.counted("CounterEventSource", Register.COUNTER_SOURCES)
+    sources = xml.register("CounterEventSource", Register.COUNTER_SOURCES, index=index)
     _add_entries(source, COUNTER_SOURCES, sources)
-    values = xml.counted("CounterValue", Register.COUNTER_VALUES)
+    values = xml.register("CounterValue", Register.COUNTER_VALUES, index=index)
     xml.command("CounterReset", category, values, 0)
     xml.node("Integer", "CounterValue", category, pValue=values, Min=0, Max=2**31 - 1)
 

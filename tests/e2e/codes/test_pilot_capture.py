@@ -57,7 +57,7 @@ def test_a_pilot_makes_mirrors_sharp(tmp_path: Path) -> None:
     for pilot in (0, 64):
         folder = tmp_path / str(pilot)
         folder.mkdir()
-        request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, parts=1, white=False)
+        request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, white=False)
         result = run(folder, request)
         assert result.state == "done", result.error
         errors.append(float(str(result.summary["rms_error_quads"])))
