@@ -65,10 +65,10 @@ def connect(socket: Path) -> Client:
 
 
 def wait_for_codes(client: Client) -> str:
-    """Start the long capture and return its job once codes are being shown."""
-    job = str(
-        client.call("capture.start", {"goal": "indirect", "codes": 512, "white": False})["job"]
-    )
+    """Start one long exposure, without a pilot's short ones in front of it, and return its job once
+    codes are being shown."""
+    params = {"goal": "indirect", "codes": 512, "white": False, "pilot": 0, "parts": 1}
+    job = str(client.call("capture.start", params)["job"])
     client.call("events.subscribe", {"jobs": "all"})
     for event in client.events():
         if isinstance(event, Progress) and event.frame > 0:
