@@ -172,8 +172,7 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         much again for masked borders and a second plane, beside pictures to look at."""
         if self.frame_quads is None:
             return _LARGEST_PHOTO_BYTES
-        width, height = self.frame_quads
-        return 2 * (2 * 4 * width * height) + _PREVIEW_BYTES
+        return 2 * (2 * self.samples) + _PREVIEW_BYTES
 
     def row(self, iso: int) -> IsoRow:
         """Numbers of one ISO setting. Raises `ConfigError` listing those there are."""

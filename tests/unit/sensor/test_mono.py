@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rawpy
+from msgspec import structs
 
 from pdcd.bench.tables import CameraConfig
 from pdcd.sensor.dng import write_dng
@@ -163,3 +164,11 @@ def test_a_sensor_without_colours_sees_their_mean_by_what_filters_let_through() 
     )
     assert weigh_colours(light, 3) is light
     np.testing.assert_allclose(weigh_colours(np.ones((1, 3)), 1), [[1.0]])  # white is white
+
+
+def test_a_file_is_bounded_by_samples_and_not_by_quads_of_four() -> None:
+    grey = structs.replace(load_profile("mono"), frame_quads=(4096, 3000))
+    colour = structs.replace(grey, mono=False)
+    pixels, picture_bytes = 4096 * 3000, 64 << 20
+    assert grey.largest_photo_bytes == 4 * pixels + picture_bytes  # twice what is not packed
+    assert colour.largest_photo_bytes == 16 * pixels + picture_bytes
