@@ -30,6 +30,10 @@ SOURCE = "dlpc900"
 """Name of the time source: one start, and the sums of the table's times."""
 _NEAR = 1e-3
 """Share by which a row may differ from whole microseconds."""
+_PULSES_HINT = (
+    "check the wires from TRIG_OUT_2 of both; where about one pulse comes, or none, set the other "
+    "display.options.trigger_bit"
+)
 _Numbers = NDArray[np.int64]
 
 
@@ -86,19 +90,26 @@ class DmdSequence:
 
     def make_table(self, side: int, block: tuple[int, int], *, joined: bool) -> list[TableEntry]:
         """The entries of a block on one panel, which end on black."""
-        first, last = block
-        keys, plane = self.planes[side].keys, self.planes[side].plane[first:last]
-        dark_us = self.dark_us[first:last].copy()
-        dark_us[-1] = 0
-        exposure_us = np.diff(self.begins_us(side, block)) - dark_us
-        if joined:
-            plane, exposure_us, dark_us = _join_rows(plane, exposure_us, dark_us)
+        keys = self.planes[side].keys
         return [
             TableEntry(keys[n] if n >= 0 else BLACK_PLANE, exposure, dark)
             for n, exposure, dark in zip(
-                plane.tolist(), exposure_us.tolist(), dark_us.tolist(), strict=True
+                *(numbers.tolist() for numbers in self._find_entries(side, block, joined)),
+                strict=True,
             )
         ]
+
+    def _find_entries(
+        self, side: int, block: tuple[int, int], joined: bool
+    ) -> tuple[NDArray[np.int32], _Numbers, _Numbers]:
+        """Of each entry of `make_table` its plane, as `PanelPlanes` numbers them, its exposure and
+        the dark time after it."""
+        first, last = block
+        plane = self.planes[side].plane[first:last]
+        dark_us = self.dark_us[first:last].copy()
+        dark_us[-1] = 0
+        exposure_us = np.diff(self.begins_us(side, block)) - dark_us
+        return _join_rows(plane, exposure_us, dark_us) if joined else (plane, exposure_us, dark_us)
 
     def make_log(self, starts_ns: Sequence[tuple[int, int]]) -> FrameLog:
         """The log of blocks whose row 0 began on the projector, and would have on the mask without
@@ -126,12 +137,12 @@ class DmdSequence:
                 )
             )
         pulses = self._count_lit(0), self._count_lit(1)
-        return replace(join_logs(logs), pulses=pulses)
+        return replace(join_logs(logs), pulses=pulses, pulses_hint=_PULSES_HINT)
 
     def _count_lit(self, side: int) -> int:
         """Entries of all tables of a panel that are not black: each gives a pulse."""
-        tables = (self.make_table(side, block, joined=self.joined) for block in self.blocks)
-        return sum(one.plane != BLACK_PLANE for table in tables for one in table)
+        planes = (self._find_entries(side, block, self.joined)[0] for block in self.blocks)
+        return sum(int(np.count_nonzero(plane >= 0)) for plane in planes)
 
 
 def count_row_us(row_hz: float) -> int:

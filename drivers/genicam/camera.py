@@ -26,6 +26,7 @@ from pdcd.driver import (
     PhotoFrame,
 )
 
+from .counters import PULSES_HINT
 from .device import CAMERA_DEVICE, GenicamDevice
 from .exposure import TimedExposure, check_exposed
 from .frames import FrameReceiver
@@ -313,6 +314,7 @@ class GenicamCamera:
             record=record
             | {"FrameID": f"{buffer.frame_id}", "Timestamp": f"{buffer.timestamp_ns}"},
             pulses=pulses,
+            pulses_hint=PULSES_HINT,
         )
 
     def _plan(self, exposure_s: float | None, *, exact: bool = False) -> tuple[float, float]:

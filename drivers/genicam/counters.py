@@ -15,6 +15,12 @@ _WORDS = (
 alone."""
 
 
+PULSES_HINT = (
+    "see that camera.options.pulses names the inputs that they lead to, the projector's first"
+)
+"""What to look at where the counts are others than there were to be."""
+
+
 class PulseCounters:
     """Two counters, one for each input. All methods raise AravisError."""
 

@@ -158,6 +158,7 @@ class PhotoFrame:
     pulses : how many pulses of the projector's and of the mask's output the camera counted since it
         was armed; None where it counts none. Times of a display that says how many there are to be
         (`FrameLog.pulses`) are proven by them.
+    pulses_hint : what to look at, of this camera, where it counted others than there were to be.
     """
 
     samples: NDArray[np.uint16]
@@ -171,6 +172,7 @@ class PhotoFrame:
     record: Mapping[str, str] = field(default_factory=dict)
     second: PhotoFrame | None = None
     pulses: tuple[int, int] | None = None
+    pulses_hint: str = ""
 
 
 class Display(Protocol):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pdcd.bench.devices import CameraSettings, DisplayInfo, RawFile
+from pdcd.bench.devices import CameraSettings, DisplayInfo, PhotoFrame, RawFile
 from pdcd.errors import PhotoError
 from pdcd.panels.frames import FrameLog
 
@@ -30,19 +30,20 @@ class RigExposure:
         return (self.close_ns - self.open_ns) * 1e-9
 
 
-def verify_times(log: FrameLog, counted: tuple[int, int] | None) -> FrameLog:
+def verify_times(log: FrameLog, photo: RawFile | PhotoFrame) -> FrameLog:
     """The log, with its times proven where the camera counted every pulse that the panels were to
-    give. Raises PhotoError where it counted others: codes were lost, or shown twice."""
-    if log.pulses is None or counted is None:
+    give. Raises PhotoError where it counted others, with what both drivers say to look at: codes
+    were lost, or shown twice."""
+    if log.pulses is None or not isinstance(photo, PhotoFrame) or photo.pulses is None:
         return log
-    if counted != log.pulses:
-        (primal, dual), (seen, other) = log.pulses, counted
+    if photo.pulses != log.pulses:
+        (primal, dual), (seen, other) = log.pulses, photo.pulses
+        hints = [hint for hint in (log.pulses_hint, photo.pulses_hint) if hint]
         raise PhotoError(
             f"the camera counted {seen} pulses of the projector and {other} of the mask, which "
             f"were to give {primal} and {dual}",
             device="display",
-            hint="check the wires from TRIG_OUT_2 to the inputs of camera.options.pulses; where "
-            "about one pulse comes, or none, set the other display.options.trigger_bit",
+            hint="; ".join(hints) or "check the wires from the panels' outputs to the camera",
         )
     return replace(log, verified=True)
 

@@ -64,12 +64,12 @@ _Progress = Callable[[int, int, int], None]
 
 
 class _StoredPhoto(NamedTuple):
-    """A photo as it was fetched, what is in its files where these are in memory alone, and the
-    pulses that the camera counted."""
+    """A photo's file, what is in it and others where these are in memory alone, and what the
+    camera's driver handed over."""
 
     raw: RawFile
     held: Mapping[str, bytes]
-    pulses: tuple[int, int] | None
+    fetched: RawFile | PhotoFrame
 
 
 class Rig:
@@ -344,7 +344,7 @@ class Rig:
         shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
         photo = self._fetched(folder, name, hold)
-        log = verify_times(log, photo.pulses)
+        log = verify_times(log, photo.fetched)
         self._left = frames, int(log.end_ns.max())
         return RigExposure(open_ns, close_ns, log, photo.raw, settings, photo.held)
 
@@ -434,5 +434,4 @@ class Rig:
         raw, held = keep_photo(photo, path, *named, hold=hold)
         self._photos.add(raw.sha256)
         self._readouts_ns.append(self._arming_ns + self.clock.now_ns() - closed_ns)
-        pulses = photo.pulses if isinstance(photo, PhotoFrame) else None
-        return _StoredPhoto(raw, held, pulses)
+        return _StoredPhoto(raw, held, photo)

@@ -104,6 +104,7 @@ class FrameLog:
     pulses : how many pulses projector and mask have given at their outputs where they showed just
         these rows, for a camera that counts them (`pdcd.bench.devices.PhotoFrame`); None of
         displays without such outputs. No table of refreshes has it.
+    pulses_hint : what to look at, of this display, where a camera counted others.
     """
 
     primal_shown: NDArray[np.int32]
@@ -120,6 +121,7 @@ class FrameLog:
     dark_s: NDArray[np.float64] | None = None
     delay_s: NDArray[np.float64] | None = None
     pulses: tuple[int, int] | None = None
+    pulses_hint: str = ""
 
     def __len__(self) -> int:
         return int(self.primal_shown.size)
