@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from tests.cr2 import lossless_jpeg
 
-BYTE, ASCII, SHORT, LONG, RATIONAL, SRATIONAL = 1, 2, 3, 4, 5, 10
-_CODES = {BYTE: "B", SHORT: "H", LONG: "I", RATIONAL: "II", SRATIONAL: "ii"}
+BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL = 1, 2, 3, 4, 5, 7, 10
+_CODES = {BYTE: "B", SHORT: "H", LONG: "I", RATIONAL: "II", UNDEFINED: "B", SRATIONAL: "ii"}
 Tag = tuple[int, Sequence[int]]
 """Type and numbers; fractions as numerator, denominator, ..."""
 

@@ -27,6 +27,13 @@ _HEADER_BYTES = 8
 _MOST_PIECES = 2**16
 """A strip for each row is the most that anybody writes."""
 _PACKINGS = {9: "VC-5", 34892: "lossy JPEG", 52546: "JPEG XL", 5: "LZW", 32773: "PackBits"}
+_MOVES = {1, 2, 6, 14}
+"""Numbers of opcodes that warp or trim a picture and leave its light as it is."""
+_OPCODES = {
+    3: "FixVignetteRadial", 4: "FixBadPixelsConstant", 5: "FixBadPixelsList", 7: "MapTable",
+    8: "MapPolynomial", 9: "GainMap", 10: "DeltaPerRow", 11: "DeltaPerColumn", 12: "ScalePerRow",
+    13: "ScalePerColumn",
+}  # fmt: skip
 _REPACK = "set the camera or the converter to a DNG with lossless JPEG, or an uncompressed one"
 
 
@@ -103,6 +110,7 @@ def read_dng_form(tags: TiffTags, name: str) -> DngForm | None:
         )
     doubts: list[str] = []
     active = _read_active(main, shape, doubts)
+    doubts += _describe_opcodes(main)
     levels = _Levels(tags, main, name)
     white = levels.read_white(1.0 if floating else float(2**bits - 1))
     return DngForm(
@@ -212,6 +220,15 @@ def _read_active(main: TiffDirectory, shape: tuple[int, int], doubts: list[str])
             return top, left, bottom, right
     doubts.append("the ActiveArea lies beyond the file; all samples are taken for the picture")
     return whole
+
+
+def _describe_opcodes(main: TiffDirectory) -> list[str]:
+    """What the file asks to be done to its stored samples, which nothing here does, nor LibRaw."""
+    asked = dict.fromkeys(n for n in read_numbers(main, tiff.OPCODES) if n not in _MOVES)
+    if not asked:
+        return []
+    names = ", ".join(_OPCODES.get(n, f"opcode {n}") for n in asked)
+    return [f"the file asks for {names} (OpcodeList1), which is not done: samples are as stored"]
 
 
 def _list_pieces(main: TiffDirectory, shape: tuple[int, int], name: str) -> tuple[SamplePiece, ...]:

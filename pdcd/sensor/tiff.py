@@ -35,13 +35,17 @@ INTERLEAVES = 50974, 50975, 52547
 RW2_WIDTH, RW2_HEIGHT, RW2_BITS, RW2_FORMAT, RW2_DATA = 2, 3, 10, 45, 280
 BLACK_DIM, BLACK_LEVEL, WHITE_LEVEL = 50713, 50714, 50717
 BLACK_DELTA_H, BLACK_DELTA_V = 50715, 50716
+OPCODES = 51008
+"""OpcodeList1: what is to be done to samples as they are stored. Kept as the numbers of what."""
 _DATA = ((273, 279), (324, 325), (513, 514))  # offsets and lengths of strips, tiles, a preview
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
 _NUMBERS = {1: "B", 3: "H", 4: "I", 5: "II", 13: "I"}
 _REALS = _NUMBERS | {6: "b", 8: "h", 9: "i", 10: "ii", 11: "f", 12: "d"}
 _LEVELS = frozenset({BLACK_LEVEL, BLACK_DELTA_H, BLACK_DELTA_V, WHITE_LEVEL, F_NUMBER})
 """Tags that may be fractions; kept as real numbers, NaN for one without a denominator."""
-_ASCII = 2
+_ASCII, _UNDEFINED = 2, 7
+_MOST_OPCODES = 64
+"""Of a list; real ones have fewer than ten."""
 _MAX_DIRECTORIES = 64
 """Real files have fewer than ten; a damaged one may chain them without end."""
 _MOST_ENTRIES, _MOST_NUMBERS = 2**10, 2**20
@@ -57,7 +61,7 @@ _KEPT = {
     IMAGE_LENGTH, BITS, COMPRESSION, PHOTOMETRIC, SAMPLES_PER_PIXEL, ROWS_PER_STRIP, FILL_ORDER,
     PREDICTOR, SAMPLE_FORMAT, TILE_WIDTH, TILE_LENGTH, CFA_DIM, CFA_PATTERN, CFA_LAYOUT,
     ACTIVE_AREA, DNG_VERSION, LINEARIZATION, CANON_SLICES, BLACK_DIM, RW2_WIDTH, RW2_HEIGHT,
-    RW2_BITS, RW2_FORMAT, RW2_DATA,
+    RW2_BITS, RW2_FORMAT, RW2_DATA, OPCODES,
 }.union(*_DATA, _LEVELS, INTERLEAVES)  # fmt: skip
 
 _Values = tuple[int, ...] | tuple[float, ...] | str
@@ -174,6 +178,10 @@ def _directory(order: str, data: bytes, start: int, most: int) -> tuple[TiffDire
         end = max(end, at + size)
         if tag not in _KEPT or at + size > len(data):
             continue
+        if tag == OPCODES:  # as long as it likes; little of it is kept
+            if kind == _UNDEFINED:
+                directory[tag] = _list_opcodes(data[at : at + size])
+            continue
         if (most := most - count) < 0:
             return directory, len(data) + 1, 0
         if kind == _ASCII:
@@ -191,6 +199,18 @@ def _directory(order: str, data: bytes, start: int, most: int) -> tuple[TiffDire
             if place != _NOWHERE and not (offsets == STRIP_OFFSETS and data[:4] == _RW2):
                 end = max(end, place + size)
     return directory, end, _number(order, data, start + 2 + 12 * entries)
+
+
+def _list_opcodes(said: bytes) -> tuple[int, ...]:
+    """Numbers of what a list of opcodes asks for; it is big-endian in any file."""
+    found: list[int] = []
+    at = 4
+    for _ in range(min(_number(">", said, 0), _MOST_OPCODES)):
+        if at + 16 > len(said):
+            break
+        found.append(_number(">", said, at))
+        at += 16 + _number(">", said, at + 12)
+    return tuple(found)
 
 
 def _as_reals(numbers: tuple[float, ...], parts: int) -> tuple[float, ...]:

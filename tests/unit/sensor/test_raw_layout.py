@@ -14,7 +14,7 @@ from pdcd.errors import DecodeError
 from pdcd.sensor import mosaic
 from pdcd.sensor.raw import read_raw
 from pdcd.sensor.tiff import read_tags
-from tests.form_dng import LONG, RATIONAL, SHORT, DngFile, Tag, write_dng_form
+from tests.form_dng import LONG, RATIONAL, SHORT, UNDEFINED, DngFile, Tag, write_dng_form
 
 SHAPE = 64, 72
 BLACK = 256.0
@@ -230,3 +230,45 @@ def test_an_exposure_time_that_is_no_number_is_none(
 ) -> None:
     write_dng_form(tmp_path / "a.dng", IMAGE, DngFile(more={33434: (RATIONAL, ratio)}))
     assert read_raw(tmp_path / "a.dng").exposure_s == exposure_s
+
+
+def list_opcodes(*opcodes: tuple[int, bytes]) -> bytes:
+    """By DNG 1.4, chapter 6: number, version, flags (here: optional), length; always big-endian."""
+    each = [struct.pack(">IIII", n, 0x01030000, 1, len(said)) + said for n, said in opcodes]
+    return struct.pack(">I", len(opcodes)) + b"".join(each)
+
+
+BAD_POINT = 5, struct.pack(">5I", 1, 1, 0, 20, 30)
+WARP = 1, struct.pack(">I8d", 1, 1.0, *[0.0] * 5, 0.5, 0.5)
+
+
+@ORDERS
+def test_what_a_file_asks_to_be_done_to_its_samples_is_told(tmp_path: Path, order: str) -> None:
+    """And is not done: bad pixels are seen by pdcd itself. Warps leave samples as they are."""
+    for opcodes, told in (
+        ((BAD_POINT, WARP, (99, b""), BAD_POINT), "FixBadPixelsList, opcode 99"),
+        ((WARP, (4, struct.pack(">II", 0, 1))), "FixBadPixelsConstant"),
+        ((WARP,), None),
+        ((), None),
+    ):
+        file = DngFile(order=order, more={51008: (UNDEFINED, list_opcodes(*opcodes))})
+        write_dng_form(tmp_path / "a.dng", IMAGE, file)
+        frame = read_raw(tmp_path / "a.dng")
+        np.testing.assert_array_equal(frame.planes, planes(IMAGE))
+        said = f"the file asks for {told} (OpcodeList1), which is not done: samples are as stored"
+        assert frame.doubts == ((said,) if told else ())
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"\xff" * 4,
+        b"\xff" * 40,
+        list_opcodes(BAD_POINT)[:-30],
+        list_opcodes((9, bytes(2**21))),  # longer than all other tags may be
+        struct.pack(">I", 2**31) + 2**16 * struct.pack(">IIII", 9, 0, 0, 0),
+    ],
+)
+def test_a_list_of_opcodes_hinders_no_reading(tmp_path: Path, said: bytes) -> None:
+    write_dng_form(tmp_path / "a.dng", IMAGE, DngFile(more={51008: (UNDEFINED, said)}))
+    np.testing.assert_array_equal(read_raw(tmp_path / "a.dng").planes, planes(IMAGE))
