@@ -6,7 +6,7 @@ use, and two captures of direct light. Only the comparison of these two is worke
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,7 +25,13 @@ from pdcd.calibration.steps import order_steps
 from pdcd.files.put import replace_file
 from pdcd.pages.render import render_page
 from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.decode import convert_record_errors
+from pdcd.pictures.picture import PictureWithErrors
 from pdcd.printable import to_percent
+from pdcd.runs.record import PanelLook
+from pdcd.verdict.assess import assess_places
+from pdcd.verdict.causes import Cause, Grade, VerdictFinding
+from pdcd.watch import Watch
 
 _TEMPLATE = "acceptance.html"
 SCALE_OFF, NOISE_OFF, REPEAT_OFF = 0.1, 1.25, 1.5
@@ -145,9 +151,10 @@ def _photo_rows(config: Config, first: Run, second: Run) -> Iterator[AcceptanceR
         f"{missed} refreshes missed, times {'verified' if verified else 'not verified'}",
         "0 missed, verified", "see that nothing else runs on the display; run pdcd timing",
     )  # fmt: skip
-    yield _places(first)
+    (pictures, places), (others, _) = map(_decode, runs)
+    yield make_place_row(first.manifest.run.panels, places)
     yield from _light_rows(config, first)
-    yield from _compared(first, second)
+    yield from _compared((pictures, others))
     bad = [f"{run.job}: {run.quality.reasons[0]}" for run in runs if run.verdict == "bad"]
     yield _row("verdicts", not bad, bad[0] if bad else "no photo is bad", "no photo is bad")
 
@@ -156,18 +163,33 @@ def _row(check: str, good: bool, found: str, limit: str, advice: str = "") -> Ac
     return AcceptanceRow(check, "pass" if good else "fail", found, limit, "" if good else advice)
 
 
-def _places(run: Run) -> AcceptanceRow:
-    """Whether both panels lie where they are believed to, by the verdict's own words."""
-    look = run.manifest.run.panels
-    said = [text for text in run.quality.reasons if "the mask" in text or "the camera" in text]
-    limit, advice = "as the verdict of a photo has it", "run pdcd calibrate geometry"
-    if said:
-        return AcceptanceRow("places of the panels", "fail", said[0], limit, advice)
+def _decode(run: Run) -> tuple[Mapping[str, PictureWithErrors], list[VerdictFinding]]:
+    """All pictures of a run, and what the verdict says of where panels and camera are."""
+    record = run.manifest.run
+    with convert_record_errors(run.folder):
+        decoded = Darkroom(run.folder, record).decoded(Watch())
+        return decoded.pictures, assess_places(record, decoded)
+
+
+def make_place_row(look: PanelLook | None, said: Iterable[VerdictFinding]) -> AcceptanceRow:
+    """Whether both panels lie where they are believed to, as the verdict has it. For
+    `check_acceptance`.
+
+    look : at blocks on both panels, None where none was wanted. said : of places, by the verdict;
+        that nobody looked is no fault.
+    """
+    check, limit = "places of the panels", "as the verdict of a photo has it"
+    wrong = [
+        one for one in said if one.grade > Grade.REMARK and one.cause is not Cause.NOBODY_LOOKED
+    ]
+    if wrong:
+        worst = max(wrong, key=lambda one: one.grade)
+        return AcceptanceRow(check, "fail", worst.text, limit, "run pdcd calibrate geometry")
     if look is None or look.mask is None:
         why = "no photos of blocks" if look is None or not look.why else look.why
-        return AcceptanceRow("places of the panels", "not tried", why, limit)
+        return AcceptanceRow(check, "not tried", why, limit)
     found = f"as believed, to {look.sigma_px:.2g} projector pixels"
-    return AcceptanceRow("places of the panels", "pass", found, limit)
+    return AcceptanceRow(check, "pass", found, limit)
 
 
 def _light_rows(config: Config, run: Run) -> Iterator[AcceptanceRow]:
@@ -209,9 +231,8 @@ def _light_rows(config: Config, run: Run) -> Iterator[AcceptanceRow]:
     )  # fmt: skip
 
 
-def _compared(first: Run, second: Run) -> Iterator[AcceptanceRow]:
-    """Whether two photos of the same thing differ by what their error bars say."""
-    made = [run.decode(progress=False).pictures for run in (first, second)]
+def _compared(made: Sequence[Mapping[str, PictureWithErrors]]) -> Iterator[AcceptanceRow]:
+    """Whether the pictures of two captures differ by what their error bars say."""
     # Outside the field, and where a sample is full, nothing is known: bars are infinite.
     known = np.logical_and.reduce([np.isfinite(one.sigma) for two in made for one in two.values()])
     off = {name: made[0][name].image - made[1][name].image for name in ("white", "direct")}

@@ -13,7 +13,7 @@ from pdcd.probing.deviation import Deviation
 from pdcd.protocol.result import Quality
 from pdcd.runs.record import RunRecord
 from pdcd.verdict.answer import judge_answer
-from pdcd.verdict.causes import combine_findings
+from pdcd.verdict.causes import VerdictFinding, combine_findings
 from pdcd.verdict.evidence import Evidence
 from pdcd.verdict.matrices import judge_matrices
 from pdcd.verdict.panels import judge_panels
@@ -28,3 +28,11 @@ def assess_run(record: RunRecord, decoded: DecodedRun, deviations: dict[str, Dev
     seen = Evidence(record, record.cells, decoded, deviations)
     looks = (judge_shots, judge_panels, judge_matrices, judge_answer)
     return combine_findings(itertools.chain.from_iterable(look(seen) for look in looks))
+
+
+def assess_places(record: RunRecord, decoded: DecodedRun) -> list[VerdictFinding]:
+    """That part of the verdict which is about where panels and camera are. For the acceptance of a
+    bench, which has a row for it."""
+    if record.cells is None:
+        return []
+    return list(judge_panels(Evidence(record, record.cells, decoded, {})))

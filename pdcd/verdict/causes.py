@@ -215,10 +215,11 @@ class Cause(Enum):
 
 @dataclass(frozen=True)
 class VerdictFinding:
-    """One plain sentence with its figure, its limit and what to do."""
+    """One plain sentence with its figure, its limit and what to do, and the row that it is of."""
 
     grade: Grade
     text: str
+    cause: Cause | None = None
 
 
 class _Share(float):
@@ -244,7 +245,7 @@ def judge(
     limit = row.bad if math.isnan(row.doubtful) else row.doubtful
     shares = {"figure": figure, "limit": limit, **words}
     told = {n: _Share(w) if isinstance(w, float) else w for n, w in shares.items()}
-    return [VerdictFinding(grade, row.says.format(**told))]
+    return [VerdictFinding(grade, row.says.format(**told), cause)]
 
 
 def combine_findings(findings: Iterable[VerdictFinding]) -> Quality:
