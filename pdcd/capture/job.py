@@ -164,7 +164,7 @@ def summarise_run(plan: PlanSummary, developed: DevelopedRun) -> _Summary:
         "repeat": how.repeat,
         "shots": len(record.shots),
         "refreshes": sum(s.refreshes for s in exposures),
-        "exposure_s": sum((s.close_ns - s.open_ns) * 1e-9 for s in exposures),
+        "exposure_s": sum(s.open_s for s in exposures),
         "missed_refreshes": sum(s.missed for s in exposures),
         "rms_sigma": sigma if np.isfinite(sigma) else None,
         "sigma_kind": developed.sigma_kind,

@@ -157,7 +157,7 @@ def resume_pilot(full: Plan, ended: Plan, config: Config, sharpness: float) -> P
 def _pilot_words(plan: Plan, learned: PilotFindings, shots: Sequence[ShotRecord]) -> str:
     """What a pilot that nobody asked for found, what follows, and what it cost."""
     single = [s for s in shots if s.name in plan.recipe.stack]
-    cost_s = sum((s.close_ns - s.open_ns) * 1e-9 for s in single)
+    cost_s = sum(s.open_s for s in single)
     light = f"sharpness {learned.sharpness:.2g}, limit {SHARP:g}"
     if not learned.promising:
         found = f"no mirrors ({light})"

@@ -198,7 +198,11 @@ class CalibrationStudy:
             self._check_frame(raw.frame)
             self.doubts += [f"photo {record.name}: {doubt}" for doubt in raw.doubts]
         self.photos.append(record)
-        open_s = (record.close_ns - record.open_ns) * 1e-9
+        name = record.name.removeprefix(f"{self.step}-")
+        taken = CalibrationPhoto(
+            name, raw, log, record.open_ns, record.close_ns, record.iso, record.level
+        )
+        open_s = taken.open_s
         if doubt := describe_time_conflict(record.planned_s or open_s, open_s, raw.exposure_s):
             self.doubts.append(f"photo {record.name}: {doubt}; look at the shutter, and repeat")
         if record.level != 1.0:
@@ -206,10 +210,6 @@ class CalibrationStudy:
                 f"photo {record.name}: {record.missed} refreshes came late, and its light was "
                 f"divided by {record.level:.4g}; see pdcd timing"
             )
-        name = record.name.removeprefix(f"{self.step}-")
-        taken = CalibrationPhoto(
-            name, raw, log, record.open_ns, record.close_ns, record.iso, record.level
-        )
         self.seconds += time.process_time() - began_s
         return self._go_on(taken)
 

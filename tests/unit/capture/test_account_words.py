@@ -94,7 +94,8 @@ def test_what_the_user_must_know_of_a_finished_run(
 
 def shot(open_ns: int, close_ns: int, refreshes: int, missed: int) -> Any:
     return SimpleNamespace(
-        open_ns=open_ns, close_ns=close_ns, refreshes=refreshes, missed=missed
+        open_ns=open_ns, close_ns=close_ns, open_s=(close_ns - open_ns) * 1e-9,
+        refreshes=refreshes, missed=missed,
     )  # fmt: skip
 
 
