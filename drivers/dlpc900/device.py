@@ -351,6 +351,8 @@ class DmdPanel:
         self._wait_until(self.is_running, "does not start its sequence")
 
     def _wait_until(self, done: Callable[[], bool], what: str) -> None:
+        """Without `Patience`, as both panels are loaded by threads of their own, which are not to
+        hear of a cancel themselves: the link's look ends what they do."""
         until_ns = self._clock.now_ns() + round(_READY_S * 1e9)
         while not done():
             if self._clock.now_ns() >= until_ns:
