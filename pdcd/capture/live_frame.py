@@ -31,6 +31,21 @@ _RATE_S, _LEAST_S = 2.0, 0.25
 _Outline = tuple[tuple[float, float], ...]
 
 
+class PictureRate:
+    """Counts the pictures of a live view or a stream."""
+
+    def __init__(self) -> None:
+        self._came_s: deque[float] = deque()
+
+    def count(self, now_s: float) -> float:
+        """Pictures a second, lately, with one that came now."""
+        self._came_s.append(now_s)
+        while now_s - self._came_s[0] > _RATE_S and len(self._came_s) > 2:
+            self._came_s.popleft()
+        span_s = now_s - self._came_s[0]
+        return (len(self._came_s) - 1) / span_s if span_s > _LEAST_S else 0.0
+
+
 class LiveFrames:
     """The pictures of one live view, in their order."""
 
@@ -38,7 +53,7 @@ class LiveFrames:
         """frame_quads : width and height of the camera's photos, where they are known."""
         self._outline = find_field_outline(config, frame_quads)
         self._masks: dict[tuple[int, ...], NDArray[np.uint8]] = {}
-        self._came: deque[float] = deque()
+        self._rate = PictureRate()
         self.count = 0
         self._best = 0.0
 
@@ -61,7 +76,7 @@ class LiveFrames:
         return LiveFrame(
             number=self.count,
             t_mono_ns=came_ns,
-            rate_hz=self._count_rate(came_ns * 1e-9),
+            rate_hz=self._rate.count(came_ns * 1e-9),
             focus=focus,
             best=self._best,
             mean=cv2.mean(light, inside)[0],
@@ -80,13 +95,6 @@ class LiveFrames:
                 cv2.fillPoly(drawn, [np.rint(corners).astype(np.int32)], (1,))
             self._masks = {shape: drawn if drawn.any() else np.ones(shape, np.uint8)}
         return self._masks[shape]
-
-    def _count_rate(self, came_s: float) -> float:
-        self._came.append(came_s)
-        while came_s - self._came[0] > _RATE_S and len(self._came) > 2:
-            self._came.popleft()
-        span_s = came_s - self._came[0]
-        return (len(self._came) - 1) / span_s if span_s > _LEAST_S else 0.0
 
 
 def find_field_outline(config: Config, frame_quads: tuple[int, int] | None) -> _Outline:

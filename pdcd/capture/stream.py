@@ -12,7 +12,6 @@ import logging
 import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import cycle
@@ -27,6 +26,7 @@ from pdcd.bench.exposure_time import planned_open_s
 from pdcd.bench.tables import Config
 from pdcd.capture.exposure import RigExposure
 from pdcd.capture.job import EngineJob
+from pdcd.capture.live_frame import PictureRate
 from pdcd.capture.rig import Rig
 from pdcd.capture.shots import TakenShot, make_shot_records, measure_code_level
 from pdcd.capture.worker.answers import PhotoOrder
@@ -49,8 +49,6 @@ _MOST_SPOILT = 3
 """Spoilt photos in a row that end a stream."""
 _LOOK_S = 0.05
 """Time between two looks for a cancel."""
-_RATE_S, _LEAST_S = 2.0, 0.25
-"""Time over which pictures are counted, and of which nothing can be told yet."""
 _ENDING_S = 5.0
 """How long the worker may take over its last photo, with the panels black already."""
 
@@ -74,15 +72,7 @@ class _Counter:
     number: int = 0
     lost: int = 0
     in_row: int = 0
-    came_s: deque[float] = field(default_factory=deque)
-
-    def count_rate(self, now_s: float) -> float:
-        """Pictures a second, lately, with one that came now."""
-        self.came_s.append(now_s)
-        while now_s - self.came_s[0] > _RATE_S and len(self.came_s) > 2:
-            self.came_s.popleft()
-        span_s = now_s - self.came_s[0]
-        return (len(self.came_s) - 1) / span_s if span_s > _LEAST_S else 0.0
+    rate: PictureRate = field(default_factory=PictureRate)
 
 
 class PictureMaker:
@@ -179,7 +169,7 @@ class PictureMaker:
             part=given.part,
             late=given.late,
         )
-        frame = told if made is None else _with_figures(told, made, counter.count_rate(now_s))
+        frame = told if made is None else _with_figures(told, made, counter.rate.count(now_s))
         if made is not None and self._begun_s is None:
             self._begun_s = now_s
         self._listener.tell(StreamedPicture(frame, {} if made is None else _arrays_of(made)))

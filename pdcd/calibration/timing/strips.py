@@ -91,7 +91,7 @@ def read_strips(
     (light, var), (full, full_var) = sums
     _check_white(full, full_var, quads, strips.count)
     if gaps:
-        _check_gaps(white, x, band, inside, strips)
+        _check_gaps(white, x, inside, strips)
     value = light / full
     sigma = np.sqrt(var + value**2 * full_var) / full
     shape = bands, strips.count
@@ -193,7 +193,6 @@ def _check_white(full: Floats, var: Floats, quads: NDArray[np.int64], across: in
 def _check_gaps(
     white: QuadPhoto,
     x: Floats,
-    band: NDArray[np.int32],
     inside: NDArray[np.bool_],
     strips: PulseStrips,
 ) -> None:
