@@ -23,11 +23,12 @@ from drivers.genicam.camera import GenicamCamera
 from drivers.genicam.library import load_library
 from drivers.genicam.options import GenicamOptions
 from drivers.genicam.pixels import BY_NAME
-from drivers.virtual_genicam.camera import PlainLight, VirtualExposure, VirtualGenicamCamera
+from drivers.virtual_genicam.camera import VirtualExposure, VirtualGenicamCamera
 from drivers.virtual_genicam.description import CameraDescription
 from drivers.virtual_genicam.simulator import VIRTUAL_ADDRESS
 from pdcd.bench.clock import VirtualClock
 from pdcd.driver import CameraSettings, Clock, PhotoFrame
+from tests.plain_film import PlainFilm
 from tests.tools import needs, program
 
 _TURN_S = 150.0
@@ -116,7 +117,7 @@ def hosted(
     """A camera of these formats that is there."""
     known = tuple(BY_NAME[name] for name in formats)
     description = CameraDescription(*size, known, white=white, longest_s=longest_s)
-    virtual = VirtualGenicamCamera(description, PlainLight(film), clock or VirtualClock())
+    virtual = VirtualGenicamCamera(description, PlainFilm(film), clock or VirtualClock())
     with turn():
         virtual.start()
         try:

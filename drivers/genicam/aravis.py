@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 from collections.abc import Iterator
-from ctypes import POINTER, byref, c_double, c_int64, c_size_t, c_uint, c_uint32, c_uint64
+from ctypes import POINTER, byref, c_double, c_int64, c_size_t, c_uint, c_uint32
 from dataclasses import dataclass
 from typing import Any
 
@@ -293,13 +293,6 @@ class AravisCamera:
             return self._read(buffer)
         finally:
             self._arv.arv_stream_push_buffer(self._stream, buffer)
-
-    def statistics(self) -> tuple[int, int, int]:
-        """Frames that came whole, that failed, and that found no buffer."""
-        counts = (c_uint64(), c_uint64(), c_uint64())
-        if self._stream is not None:
-            self._arv.arv_stream_get_statistics(self._stream, *(byref(count) for count in counts))
-        return counts[0].value, counts[1].value, counts[2].value
 
     def close_stream(self) -> None:
         """Receive no more. Idempotent."""

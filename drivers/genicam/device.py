@@ -291,10 +291,6 @@ class GenicamDevice:
         with report_errors("its counters"):
             return self._counters.read()
 
-    def statistics(self) -> tuple[int, int, int]:
-        """Frames that came whole, that failed, and that found no buffer."""
-        return self._camera.statistics()
-
     def pop(self, wait_s: float) -> RawBuffer | None:
         """The next frame as `AravisCamera.pop` has it."""
         return self._camera.pop(wait_s)

@@ -88,7 +88,6 @@ _ARAVIS: dict[str, tuple[type | None, tuple[type, ...]]] = {
     "arv_stream_push_buffer": (None, (_P, _P)),
     "arv_stream_timeout_pop_buffer": (_P, (_P, _U64)),
     "arv_stream_try_pop_buffer": (_P, (_P,)),
-    "arv_stream_get_statistics": (None, (_P, POINTER(_U64), POINTER(_U64), POINTER(_U64))),
     "arv_buffer_new_allocate": (_P, (c_size_t,)),
     "arv_buffer_get_status": (c_int, (_P,)),
     "arv_buffer_has_chunks": (c_int, (_P,)),

@@ -52,19 +52,10 @@ class Reader:
         """Next unsigned 32-bit number."""
         return int.from_bytes(self.take(4), "little")
 
-    def u64(self) -> int:
-        """Next unsigned 64-bit number."""
-        return int.from_bytes(self.take(8), "little")
-
     def array_u16(self) -> tuple[int, ...]:
         """Next array of u16."""
         count = self.u32()
         return struct.unpack(f"<{count}H", self.take(2 * count))
-
-    def array_u32(self) -> tuple[int, ...]:
-        """Next array of u32."""
-        count = self.u32()
-        return struct.unpack(f"<{count}I", self.take(4 * count))
 
     def string(self) -> str:
         """Next string, without its terminating zero and what a camera left behind it."""

@@ -80,25 +80,6 @@ class LightFilm(Protocol):
         ...
 
 
-class PlainLight:
-    """A film of one function: for tests, and for scenes of one's own."""
-
-    def __init__(self, make: Callable[[VirtualExposure], NDArray[np.uint16]]) -> None:
-        self._make = make
-
-    def open(self, asked_ns: int, exposure_s: float | None) -> int:
-        """At once."""
-        return asked_ns
-
-    def close(self, asked_ns: int) -> int:
-        """At once."""
-        return asked_ns
-
-    def make_samples(self, exposure: VirtualExposure) -> NDArray[np.uint16]:
-        """What the function makes of it."""
-        return self._make(exposure)
-
-
 @dataclass
 class CameraFaults:
     """What the camera shall do wrong; may be changed while it runs.

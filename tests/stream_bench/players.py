@@ -21,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.genicam.pixels import BY_NAME
-from drivers.virtual_genicam.camera import PlainLight, VirtualExposure, VirtualGenicamCamera
+from drivers.virtual_genicam.camera import VirtualExposure, VirtualGenicamCamera
 from drivers.virtual_genicam.description import CameraDescription
 from pdcd.bench.clock import RealClock
 from pdcd.bench.devices import Clock, DisplayInfo
 from pdcd.capture.rig import Rig
 from pdcd.errors import Cancelled
 from pdcd.panels.frames import FrameLog, Frames
+from tests.plain_film import PlainFilm
 from tests.stream_bench.recorded import (
     MirrorLight,
     MirrorTimes,
@@ -138,7 +139,7 @@ def serve_camera(path: Path, shape: tuple[int, int], orders: Connection, ready: 
         return np.asarray(frames[number])
 
     description = CameraDescription(shape[1], shape[0], (BY_NAME["Mono16"],), white=4095)
-    camera = VirtualGenicamCamera(description, PlainLight(make), RealClock())
+    camera = VirtualGenicamCamera(description, PlainFilm(make), RealClock())
     camera.start()
     ready.send("ready")
     ready.poll(None)
