@@ -72,7 +72,7 @@ def estimate_neighbour_errors(
 
     weighed : photos that have a `pdcd.pictures.sigma.compute_neighbour_weight`, and that. photos :
     scaled ones. single : photos of single codes. by_codes : what single quads of photos err by
-    codes, of cells or halves (`pdcd.pictures.sigma.estimate_quad_errors`). learned : of a pilot, if
+    codes, of cells or halves (`pdcd.pictures.sigma.to_quad_errors`). learned : of a pilot, if
     any.
     """
     found, picked = {}, sample_quads(single, cells, within=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pdcd.arrays import Bools, Floats
 from pdcd.pictures.exposed import ExposedShot
-from pdcd.pictures.picture import Picture, combine_photos, sum_weighted
+from pdcd.pictures.picture import Picture, sum_weighted
 from pdcd.pictures.to_cells import average_image
 from pdcd.pictures.to_quads import (
     QuadWeights,
@@ -36,48 +36,6 @@ _LEAST_OPEN = 1e-6
 to rounding."""
 
 
-def combine_shots(
-    recipe: Recipe,
-    shots: Mapping[str, ExposedShot],
-    cells: CellMap,
-    added: Mapping[str, Floats] | None = None,
-    *,
-    normalise: NormaliseName = "auto",
-) -> dict[str, Picture]:
-    """All pictures of a recipe, the answer first.
-
-    `cells` tells which quads see which cell. `added` holds what is known to be missing from a
-    photo, (h, w, C) in scene units.
-
-    Each photo is divided by its own least-squares weight before photos are subtracted (erratum
-    X9). Shots are independent, so variances add with the squares of their factors. Raises
-    DecodeError when a photo gathered no light at all.
-
-    With `normalise` "row" each cell is divided by its own weight instead, with "scalar" none is;
-    "auto" does so for photos whose codes ask for it and for those that missed refreshes: lost codes
-    leave cells open unequally often, as the paper's random codes do. Either way each quad's weight
-    is that of the windows that it saw (`pdcd.pictures.to_quads.weigh_quads`).
-
-    Direct light that is known to be in a photo of indirect light is taken out
-    (`remove_direct_light`), where there is a white photo.
-    """
-    photos = make_scaled_photos(recipe, shots, cells, added, normalise=normalise)
-    return combine_photos(recipe, photos)
-
-
-def make_scaled_photos(
-    recipe: Recipe,
-    shots: Mapping[str, ExposedShot],
-    cells: CellMap,
-    added: Mapping[str, Floats] | None = None,
-    *,
-    normalise: NormaliseName = "auto",
-) -> dict[str, Picture]:
-    """Every photo of a recipe divided by its weight; arguments as of `combine_shots`."""
-    weights = {photo.name: weigh_cells(photo, shots, normalise) for photo in recipe.photos}
-    return scale_photos(recipe, weights, shots, cells, added or {})
-
-
 def scale_photos(
     recipe: Recipe,
     weights: Mapping[str, CellWeights],
@@ -88,9 +46,23 @@ def scale_photos(
     room: Floats | None = None,
     whites: Mapping[str, Picture] = NO_PICTURES,
 ) -> dict[str, Picture]:
-    """The same of photos whose cells are weighed already; `borders` were seen in a photo, and so
-    was light of the `room`, (N, C) of cells in a second. whites : photos of all light that were
-    scaled before."""
+    """Every photo of a recipe divided by its weight.
+
+    Each photo is divided by its own least-squares weight before photos are subtracted (erratum
+    X9). Shots are independent, so variances add with the squares of their factors. Each quad's
+    weight is that of the windows that it saw (`pdcd.pictures.to_quads.weigh_quads`). Direct light
+    that is known to be in a photo of indirect light is taken out (`remove_direct_light`), where
+    there is a white photo. Raises DecodeError when a photo gathered no light at all.
+
+    Parameters
+    ----------
+    weights : of the cells of each photo, by name (`pdcd.pictures.weights.weigh_cells`).
+    cells : tells which quads see which cell.
+    added : what is known to be missing from a photo, (h, w, C) in scene units, by name.
+    borders : what a photo of the light along borders of cells tells, if there is one.
+    room : (N, C), light of cells in a second that a dark photo shows.
+    whites : photos of all light that were scaled before, by name.
+    """
     scaled: dict[str, Picture] = {}
     direct: dict[str, Floats] = {}
     strips: dict[str, BorderLight] = {}
@@ -130,7 +102,7 @@ def compute_removed_share(
     *,
     normalise: NormaliseName = "auto",
 ) -> Floats | None:
-    """The share of the direct light that `make_scaled_photos` takes out of a photo, (h, w); None
+    """The share of the direct light that `scale_photos` takes out of a photo, (h, w); None
     where it takes out none."""
     share, border = find_removed_direct(photo, recipe, shots, cells, normalise=normalise)
     if border is None:
@@ -146,7 +118,7 @@ def find_removed_direct(
     *,
     normalise: NormaliseName = "auto",
 ) -> tuple[Floats | None, BorderLight | None]:
-    """The share of the direct light that `make_scaled_photos` takes out of a photo amid cells,
+    """The share of the direct light that `scale_photos` takes out of a photo amid cells,
     (h, w), and the light along their borders that it takes out; None each where it takes none."""
     if not _unmixes(photo, list_white_photos(recipe)):
         return None, None

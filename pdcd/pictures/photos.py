@@ -63,7 +63,7 @@ def make_corrected_photos(
 
     Parameters
     ----------
-    recipe, shots, normalise : as of `pdcd.pictures.combine.combine_shots`.
+    normalise : as of `pdcd.pictures.weights.weigh_cells`.
     learned : paths that a pilot found, whose error in photos is known.
     smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`), and photos
         of far light. What is missing of a cell is shared out among its quads as they have light.

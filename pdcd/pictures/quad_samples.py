@@ -81,7 +81,7 @@ def sample_quads(
     shots: Sequence[ExposedShot], cells: CellMap, *, within: bool = False, along: int = SAMPLED
 ) -> QuadSample:
     """Some quads of each cell that no shot saturates, for
-    `pdcd.pictures.sigma.estimate_quad_errors` and, well `within` cells that are fine enough, for
+    `pdcd.pictures.sigma.estimate_quad_shares` and, well `within` cells that are fine enough, for
     `pdcd.pictures.beside.estimate_quad_paths`. along : how many of those along a side of what sees
     a cell alone."""
     side = cells.quad_cells**-0.5 if cells.quad_cells else 1.0

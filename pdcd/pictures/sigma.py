@@ -140,7 +140,7 @@ def estimate_photo_quad_errors(
     cells: CellMap,
 ) -> dict[str, Floats]:
     """What the codes of all photos that have any get wrong of single quads beside their cell, or
-    half of one where parts are told of halves (`estimate_quad_errors`), by name.
+    half of one where parts are told of halves (`estimate_quad_shares`), by name.
 
     photos : scaled ones. Nothing is told where each cell has a quad of its own.
     """
@@ -186,23 +186,14 @@ def sample_part_quads(
     return picked if picked.share_told() else None
 
 
-def estimate_quad_errors(
-    light: Sequence[Floats], noise: Sequence[Floats], picked: QuadSample, images: Floats
-) -> Floats:
-    """What single quads err by codes beside the mean of their cell, (rows, cols, C), by how they
-    differ from it in the parts of a photo; without the sensor's noise.
-
-    light, noise : of each part at the picked quads, (Q, C), and its variance, in any unit.
-    images : (rows, cols, C), the photo on the cells of these or halves, in the unit of the answer.
-    Where no quad was picked it errs as elsewhere.
-    """
-    share = estimate_quad_shares(light, noise, picked)
-    return to_quad_errors(share / len(light), images)
-
-
 def to_quad_errors(share: Floats, images: Floats) -> Floats:
-    """Errors of `estimate_quad_errors`, (rows, cols, C), by what their squares are over the light's
-    (`estimate_quad_shares`), over the number of parts that the photo is of."""
+    """What single quads err by codes beside the mean of their cell, (rows, cols, C), without the
+    sensor's noise.
+
+    share : what the squares of their errors are over the light's (`estimate_quad_shares`), over the
+    number of parts that the photo is of. images : (rows, cols, C), the photo on the cells of these
+    or halves, in the unit of the answer.
+    """
     pieces = images.shape[0] // share.shape[0]
     share = share.repeat(pieces, 0).repeat(pieces, 1)
     return np.asarray(np.sqrt(share) * np.abs(images))
@@ -212,7 +203,11 @@ def estimate_quad_shares(
     light: Sequence[Floats], noise: Sequence[Floats], picked: QuadSample
 ) -> Floats:
     """Square of what single quads of one part err by codes beside their cell, over that of its
-    light, (rows, cols, C); light, noise : as of `estimate_quad_errors`."""
+    light, (rows, cols, C), by how they differ from it in the parts of a photo.
+
+    light, noise : of each part at the picked quads, (Q, C), and its variance, in any unit. Where no
+    quad was picked it errs as elsewhere.
+    """
     count, mean = len(light), np.mean(light, axis=0)
     number = np.maximum(picked.sums(np.ones((picked.cell.size, 1))), 1.0)
     level = picked.sums(mean) / number

@@ -73,8 +73,11 @@ class CellWeights:
 def weigh_cells(
     photo: RecipePhoto, shots: Mapping[str, RealisedShot], normalise: NormaliseName
 ) -> CellWeights:
-    """What the cells of a photo are divided by; `normalise` as of
-    `pdcd.pictures.combine.combine_shots`.
+    """What the cells of a photo are divided by.
+
+    With `normalise` "row" each cell is divided by its own weight, with "scalar" none is; "auto"
+    does so for photos whose codes ask for it and for those that missed refreshes: lost codes leave
+    cells open unequally often, as the paper's random codes do.
 
     Raises DecodeError for a photo that has no light on the paths it is to keep.
     """

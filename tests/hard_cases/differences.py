@@ -9,7 +9,6 @@ import numpy as np
 from pdcd.codes.make import make_codes
 from pdcd.panels.patterns import Patterns
 from pdcd.panels.schedule import build_frames
-from pdcd.pictures.combine import combine_shots
 from pdcd.pictures.exposed import ComputedShot
 from pdcd.pictures.picture import Picture
 from pdcd.probing.panel import PanelOptics
@@ -19,6 +18,7 @@ from pdcd.recipes.make import make_recipe
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
+from tests.combined import combine_shots
 from tests.hard_cases.case import Case, Floats, Outcome, worst
 from tests.hard_cases.exposures import exact, log_of, photo, realised
 

@@ -17,7 +17,6 @@ import numpy as np
 
 from pdcd.codes.make import make_codes
 from pdcd.codes.pilot.links import estimate_links
-from pdcd.pictures.combine import combine_shots
 from pdcd.pictures.exposed import ComputedShot
 from pdcd.planning.make import make_plan
 from pdcd.probing.panel import PanelOptics
@@ -27,6 +26,7 @@ from pdcd.sensor.cells import CellMap
 from pdcd.virtual.scene.matrix import split_into_effects
 from pdcd.virtual.scene.scene import Scene
 from tests import bench_rig
+from tests.combined import combine_shots
 from tests.hard_cases.case import Case, Floats, Outcome, worst
 from tests.hard_cases.exposures import log_of, realised
 

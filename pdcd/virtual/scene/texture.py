@@ -7,7 +7,7 @@ which cells know only means, is then
 
     texture(y) * between(cells / means)(y)
 
-with `means` those of the texture over the cells, and `sample_cells` linear between cell centres.
+with `means` those of the texture over the cells, and cells / means linear between cell centres.
 Where light follows the texture, as it does on a matte surface, cells / means is smooth, and cell
 edges do not show. Only the proportions of a texture count: any factor cancels.
 
@@ -60,25 +60,6 @@ def _whole(places: Array, size: int) -> NDArray[np.int32]:
     np.clip(found, 0.0, size - 1, out=found)
     found[np.isnan(found)] = 0.0
     return found.astype(np.int32)
-
-
-def sample_cells(cells: Array, grid: tuple[int, int], points: Array) -> Array:
-    """Return values of cells (N, C) at points of the field (..., 2): (..., C).
-
-    Linear between the centres of cells; beyond those of the outermost cells their values go on,
-    and a point that is NaN gets those of the first cell.
-    """
-    # A tenth of what a daemon loads; where no scene has a texture it is not needed.
-    from scipy.ndimage import map_coordinates
-
-    rows, cols = grid
-    place = np.nan_to_num(np.stack([points[..., 1] * rows, points[..., 0] * cols])) - 0.5
-    images = cells.reshape(rows, cols, -1)
-    parts = [
-        map_coordinates(images[..., channel], place, order=1, mode="nearest")
-        for channel in range(images.shape[-1])
-    ]
-    return np.stack(parts, axis=-1)
 
 
 def compute_pixel_shares(cells: int, pixels: int) -> scipy.sparse.csr_array:

@@ -10,7 +10,6 @@ import pytest
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.errors import RequestError
-from pdcd.pictures.combine import combine_shots
 from pdcd.pictures.exposed import ComputedShot
 from pdcd.probing.realised import Factors
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
@@ -18,6 +17,7 @@ from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.make import make_recipe
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
+from tests.combined import combine_shots
 from tests.taken import Taken, take
 
 GRID = (3, 8)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError
-from pdcd.pictures.combine import combine_shots
 from pdcd.pictures.exposed import ComputedShot, ExposedShot
 from pdcd.pictures.picture import Picture, combine_photos
 from pdcd.probing.deviation import weight_s
@@ -18,6 +17,7 @@ from pdcd.recipes.goals import Target
 from pdcd.recipes.make import make_recipe
 from pdcd.recipes.recipe import Extremes, Rule
 from pdcd.sensor.cells import CellMap
+from tests.combined import combine_shots
 
 GRID = (1, 3)
 CELLS = CellMap.block(GRID, GRID)

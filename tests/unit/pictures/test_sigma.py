@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from pdcd.pictures.bars import add_known_errors
 from pdcd.pictures.picture import Picture
 from pdcd.pictures.quad_samples import QuadSample
-from pdcd.pictures.sigma import _inverse_trigamma, estimate_quad_errors, measure_error_bars
+from pdcd.pictures.sigma import (
+    _inverse_trigamma,
+    estimate_quad_shares,
+    measure_error_bars,
+    to_quad_errors,
+)
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import make_recipe
@@ -127,7 +132,8 @@ def test_cells_without_quads_that_tell_err_as_all_others_do() -> None:
     picked = QuadSample(slice(0), none, np.zeros((0, 0), np.bool_), cell, none.reshape(2, 0), grid)
     light = [1e3 * rng.uniform(0.5, 1.5, (cell.size, 3)) for _ in range(5)]
     noise = [np.zeros((cell.size, 3))] * 5
-    found = estimate_quad_errors(light, noise, picked, np.ones((*grid, 3)))
+    share = estimate_quad_shares(light, noise, picked)
+    found = to_quad_errors(share / len(light), np.ones((*grid, 3)))
     assert 0.05 < found[:, :3].min() and found.max() < 0.3
     mean = np.sqrt(np.mean(found[:, :3] ** 2))
     np.testing.assert_allclose(found[:, 6:], mean, rtol=0.1)

@@ -20,7 +20,7 @@ from pdcd.pictures.exposed import ComputedShot
 from pdcd.pictures.learn import learn_paths
 from pdcd.pictures.picture import PictureWithErrors
 from pdcd.pictures.quad_samples import sample_quads
-from pdcd.pictures.sigma import estimate_quad_errors
+from pdcd.pictures.sigma import estimate_quad_shares, to_quad_errors
 from pdcd.pictures.to_cells import unmix_cells
 from pdcd.pictures.weights import weigh_cells
 from pdcd.planning.make import plan_with_prior
@@ -178,7 +178,8 @@ def test_what_single_quads_err_by_is_told_by_parts_without_noise_and_their_cell(
             parts.append(light + 0.03 * rng.standard_normal((count, 3)))
         images = np.ones((*GRID, 3)) * (np.arange(N).reshape(*GRID, 1) > 20)
         noise = [np.full((count, 3), 0.03**2)] * 4
-        found = estimate_quad_errors(parts, noise, picked, images).reshape(N, 3)
+        share = estimate_quad_shares(parts, noise, picked)
+        found = to_quad_errors(share / len(parts), images).reshape(N, 3)
         assert np.isfinite(found).all() and not found[:20].any()
         here = texture[picked.cell > 40]  # of errors over light the mean square counts
         true = 0.5 * quads * np.sqrt(np.mean(here**2)) / np.mean(here)

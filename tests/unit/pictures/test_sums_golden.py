@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.pictures.bars import add_known_errors
-from pdcd.pictures.combine import combine_shots
 from pdcd.pictures.exposed import ComputedShot, ExposedShot
 from pdcd.pictures.leaks import DarkPhotoLight, LeakAnswer, ShotMeans, make_leak_answers
 from pdcd.pictures.photos import make_corrected_photos
@@ -37,6 +36,7 @@ from pdcd.recipes.make import make_recipe
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
 from pdcd.verdict.evidence import PixelSample
+from tests.combined import combine_shots
 from tests.golden import alike, keep, kept_in, plain
 from tests.places import DATA
 

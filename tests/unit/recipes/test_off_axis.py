@@ -13,7 +13,6 @@ from pdcd.bench.tables import Config, RigConfig, ScheduleConfig
 from pdcd.errors import RequestError
 from pdcd.panels.frames import FrameLog
 from pdcd.panels.patterns import read_pattern_levels
-from pdcd.pictures.combine import combine_shots
 from pdcd.pictures.exposed import ComputedShot
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
@@ -24,6 +23,7 @@ from pdcd.sensor.cells import CellMap
 from pdcd.virtual.scene.displaced import DisplacedEffect
 from pdcd.virtual.scene.effects import DenseEffect
 from pdcd.virtual.scene.scene import Scene
+from tests.combined import combine_shots
 
 GRID = (6, 10)
 ROWS, COLS = GRID

@@ -10,7 +10,6 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
-from pdcd.pictures.combine import combine_shots
 from pdcd.pictures.exposed import ComputedShot, ExposedShot
 from pdcd.planning.make import make_plan
 from pdcd.probing.realised import Factors
@@ -22,6 +21,7 @@ from pdcd.sensor.cells import CellMap
 from pdcd.verdict.answer import judge_pair_sum
 from pdcd.verdict.causes import Grade
 from tests import bench_rig
+from tests.combined import combine_shots
 
 GRID = (3, 4)
 N = 12

@@ -9,7 +9,7 @@ import pytest
 
 from pdcd.virtual.scene.effects import Array, make_direct_effects
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.texture import average_cells, sample_cells, sample_texture
+from pdcd.virtual.scene.texture import average_cells, sample_texture
 from tests.textured import detailed
 
 DRAWN: list[int] = []
@@ -43,15 +43,6 @@ def test_a_point_takes_the_pixel_that_it_lies_in() -> None:
     pixels = [(0, 0), (1, 2), (1, 2), (0, 0), (0, 2)]
     np.testing.assert_array_equal(sample_texture(texture, points), [texture[p] for p in pixels])
     np.testing.assert_array_equal(sample_texture(texture, np.full((1, 2), np.nan)), texture[0, :1])
-
-
-def test_values_between_cells_are_linear_and_go_on_at_the_border() -> None:
-    cells = np.array([[0.0], [1.0], [10.0], [11.0]])  # 2 x 2: one to the right, ten down
-    points = np.array([[0.25, 0.25], [0.5, 0.25], [0.5, 0.5], [0.0, 0.0], [0.9, 0.6], [3.0, 3.0]])
-    found = sample_cells(cells, (2, 2), points)[:, 0]
-    np.testing.assert_allclose(found, [0.0, 0.5, 5.5, 0.0, 8.0, 11.0], rtol=1e-13, atol=1e-13)
-    lost = sample_cells(cells, (2, 2), np.array([[np.nan, 0.5]]))
-    assert lost[0, 0] == pytest.approx(5.0)
 
 
 def test_light_that_follows_the_texture_comes_back_as_the_texture() -> None:
