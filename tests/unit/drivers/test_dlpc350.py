@@ -15,7 +15,6 @@ from drivers.dlpc900.video import divide_picture
 from drivers.dlpc_video import examine_dlpc_video
 from drivers.virtual_dlpc900 import VirtualDmdFault
 from pdcd.errors import ConfigError, DeviceLost, PdcdError, SyncError
-from pdcd.presenter.messages import Ready
 from tests.dlpc_video_rig import (
     BOTH_350,
     PERIOD_NS,
@@ -25,7 +24,6 @@ from tests.dlpc_video_rig import (
     VideoBench,
     assert_log_is_shown,
     config,
-    is_dark,
     make_video_display,
     make_video_dmds,
     play,
@@ -207,16 +205,6 @@ def test_one_that_never_answers_a_stop_is_parked_all_the_same(tmp_path: Path) ->
     assert caught.value.device == "mask" and all(map(bench.stays_dark, bench.dmds))
 
 
-@pytest.mark.parametrize("lock", ["signal", "main"])
-def test_without_a_signal_no_pattern_mode_is_asked_for(tmp_path: Path, lock: str) -> None:
-    bench = make_bench(tmp_path, refresh_hz=None, lock_told=lock, dlpc={"lock_from": lock})
-    with pytest.raises(DeviceLost, match="finds no video signal") as caught:
-        bench.display.connect()
-    assert caught.value.device == "projector" and "cable" in str(caught.value.hint)
-    assert (MODE, b"\1") not in bench.sent[0] + bench.sent[1]
-    assert all(map(is_dark, bench.dmds)) and Presenter.said[-1] == "black"
-
-
 @pytest.mark.parametrize("after_stop", ["black", "holds"])
 def test_a_signal_lost_while_a_picture_stood_is_an_error_and_then_black(
     tmp_path: Path, after_stop: str
@@ -248,25 +236,6 @@ def test_pictures_that_come_too_early_are_told(tmp_path: Path) -> None:
     with pytest.raises(SyncError, match="gave up its sequence"):
         bench.display.play(lambda *_: None, lambda: False)
     assert bench.stays_dark(mask)
-
-
-@pytest.mark.parametrize("side", [0, 1])
-def test_one_that_was_unplugged_is_told_and_the_other_one_is_black(
-    tmp_path: Path, side: int
-) -> None:
-    bench = make_bench(tmp_path)
-    bench.display.connect()
-    bench.dmds[side].unplug()
-    with pytest.raises(DeviceLost, match="unplugged"):
-        bench.display.load(random_frames((6, 8), "whole", 24))
-    Presenter.fault = DeviceLost("gone", device="display")
-    with pytest.raises(DeviceLost):
-        bench.display.black()
-    assert bench.stays_dark(bench.dmds[1 - side])
-    Presenter.fault = None
-    bench.dmds[side].replug()
-    bench.display.load(random_frames((6, 8), "whole", 24))
-    assert not bench.stays_dark(bench.dmds[side])
 
 
 @pytest.mark.parametrize("rest", ["black", "standby"])
@@ -317,16 +286,6 @@ def test_one_that_is_not_there_is_told(tmp_path: Path) -> None:
     assert bench.stays_dark(bench.dmds[0])
 
 
-def test_a_phase_that_dark_times_hide_is_no_warning(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Presenter, "ready", Ready("clock", 60.0, {}, 240e-6))
-    info = make_bench(tmp_path, dlpc={"dark_us": 240}).display.connect()
-    assert info.warnings == () and info.identity["planes"] == "24 of 443 us, 240 us dark"
-    assert info.identity["DMD of the mask"] == "DLPC350 VIDEO-M"
-    assert info.identity["firmware of the mask"] == "4.2.1"
-
-
 def test_the_doctor_shows_the_thirds_of_the_planes_never_once_and_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -352,9 +311,3 @@ def test_the_doctor_shows_the_thirds_of_the_planes_never_once_and_twice(
     light = sum(plane[0].astype(int) for _, plane in seen if plane is not None)
     np.testing.assert_array_equal(light, np.arange(912) * 3 // 912)  # bars as `make_bars` has them
     assert all(map(bench.stays_dark, bench.dmds))
-
-
-def test_one_that_refuses_to_stop_in_video_mode_is_used_all_the_same(tmp_path: Path) -> None:
-    bench = make_bench(tmp_path, VirtualDmdFault("error", RUN, times=2))
-    bench.display.connect()
-    assert not bench.stays_dark(bench.dmds[1])

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.dlpc900.doctor import examine_dlpc900, make_bars
+from drivers.dlpc900.doctor import examine_dlpc900
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DriverContext, Finding, SharedState
 from pdcd.errors import DeviceLost
-from pdcd.panels.frames import Frames
-from tests.dlpc900_rig import SIZE, Dlpc900Rig
+from tests.dlpc900_rig import Dlpc900Rig
 
 
 class WatchedClock(VirtualClock):
@@ -65,13 +64,6 @@ def test_thirds_by_brightness_are_the_right_order(order: str) -> None:
     _, (light, _) = examined(plane_order=order)
     thirds = [sum(light[8 * n : 8 * n + 8]) for n in range(3)]
     assert "".join(order[n] for n in np.argsort(thirds)) == "GBR"
-
-
-def test_bars_are_three_hundred_rows_of_24_planes() -> None:
-    frames: Frames = make_bars(SIZE, (48, 10))
-    assert len(frames) == 300 and len(frames.dual_patterns) == 24
-    bar = np.unpackbits(np.asarray(frames.dual_patterns[23], np.uint8), count=480).reshape(10, 48)
-    assert bar[:, 46:].all() and not bar[:, :46].any()
 
 
 def test_what_fails_is_a_finding() -> None:

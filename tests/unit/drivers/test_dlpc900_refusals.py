@@ -53,24 +53,21 @@ def test_what_does_not_fit_is_refused_before_anything_is_sent(
 
 
 @pytest.mark.parametrize(
-    ("times", "words"),
+    ("start", "times", "words"),
     [
-        ({"delay_s": np.array([0.0, -30e-6])}, "rows of 95 us are shorter"),
-        ({"delay_s": np.full(2, 0.07)}, "delay of the mask of 70 ms is too long"),
-        ({"delay_s": np.full(2, 65_431e-6)}, "delay of the mask of 65.4 ms is too long"),
-        ({"dark_s": np.full(2, 17.0)}, "of 17 s are too long"),
+        ("trigger", {"delay_s": np.array([0.0, -30e-6])}, "rows of 95 us are shorter"),
+        ("trigger", {"delay_s": np.full(2, 0.07)}, "delay of the mask of 70 ms is too long"),
+        ("trigger", {"delay_s": np.full(2, 65_431e-6)}, "delay of the mask of 65.4 ms is too long"),
+        ("trigger", {"dark_s": np.full(2, 17.0)}, "of 17 s are too long"),
+        ("software", {"delay_s": np.full(2, 1e-5)}, "cannot be delayed"),
     ],
 )
-def test_times_that_no_device_has_are_refused(times: dict[str, Any], words: str) -> None:
-    _, display = opened(start="trigger")
+def test_times_that_no_device_has_are_refused(
+    start: str, times: dict[str, Any], words: str
+) -> None:
+    _, display = opened(start=start)
     with pytest.raises(ConfigError, match=words):
         display.load(replace(random_codes(2), **times))
-
-
-def test_panels_without_a_trigger_cannot_be_delayed() -> None:
-    _, display = opened(start="software")
-    with pytest.raises(ConfigError, match="cannot be delayed"):
-        display.load(replace(random_codes(2), delay_s=np.full(2, 1e-5)))
 
 
 def test_rows_shorter_than_the_devices_least_are_refused() -> None:

@@ -15,14 +15,16 @@ from drivers.dlpc_video import DlpcVideoDisplay, examine_dlpc_video
 from drivers.virtual_dlpc900 import VirtualDmdFault
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DriverContext, Finding, SharedState
-from pdcd.bench.registry import load_driver
 from pdcd.errors import ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.panels.frames import split_dark_times
 from pdcd.presenter.messages import Ready
 from tests.dlpc_video_rig import (
+    BOTH_350,
     DLPC,
+    KINDS,
     PERIOD_NS,
     SIZES,
+    Kind,
     Presenter,
     VideoBench,
     assert_log_is_shown,
@@ -37,10 +39,6 @@ __all__ = ["presenter"]
 pytestmark = pytest.mark.usefixtures("presenter")
 LIT = np.full(SIZES["dlpc900"][::-1], 0xFFFFFF, np.uint32)
 MODE, RUN, TABLE, ENTRY = 0x1A1B, 0x1A24, 0x1A31, 0x1A34
-
-
-def test_the_registry_knows_it() -> None:
-    assert load_driver("display", "dlpc-video").maturity == "experimental"
 
 
 def test_what_is_sent_in_its_order_and_to_the_byte(tmp_path: Path) -> None:
@@ -99,12 +97,23 @@ def test_what_is_shown_after_the_wedge_has_equal_planes_again(tmp_path: Path) ->
         assert lasts == [(688).to_bytes(3, "little")] * 24
 
 
-def test_without_a_signal_it_says_so_and_asks_for_no_pattern_mode(tmp_path: Path) -> None:
-    bench = VideoBench(tmp_path, refresh_hz=None)
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"kinds": KINDS},
+        {"kinds": BOTH_350, "lock_told": "signal", "dlpc": {"lock_from": "signal"}},
+        {"kinds": BOTH_350, "lock_told": "main", "dlpc": {"lock_from": "main"}},
+    ],
+)
+def test_without_a_signal_it_says_so_and_asks_for_no_pattern_mode(
+    tmp_path: Path, how: dict[str, Any]
+) -> None:
+    bench = VideoBench(tmp_path, refresh_hz=None, **how)
     with pytest.raises(DeviceLost, match="finds no video signal") as caught:
         bench.display.connect()
     assert caught.value.device == "projector" and "cable" in str(caught.value.hint)
-    assert (MODE, b"\2") not in bench.sent[0] + bench.sent[1]
+    patterns = (MODE, b"\2" if how["kinds"] == KINDS else b"\1")
+    assert patterns not in bench.sent[0] + bench.sent[1]
     assert all(map(is_dark, bench.dmds)) and Presenter.said[-1] == "black"
 
 
@@ -190,11 +199,12 @@ def test_black_that_the_display_process_cannot_show_needs_no_signal(tmp_path: Pa
     assert all(map(bench.stays_dark, bench.dmds))
 
 
+@pytest.mark.parametrize("kinds", [KINDS, BOTH_350])
 @pytest.mark.parametrize("side", [0, 1])
 def test_a_device_that_was_unplugged_is_told_and_the_other_one_is_black(
-    tmp_path: Path, side: int
+    tmp_path: Path, side: int, kinds: tuple[Kind, Kind]
 ) -> None:
-    bench = VideoBench(tmp_path)
+    bench = VideoBench(tmp_path, kinds=kinds)
     bench.display.connect()
     bench.dmds[side].unplug()
     with pytest.raises(DeviceLost, match="unplugged"):

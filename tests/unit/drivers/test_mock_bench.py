@@ -147,18 +147,6 @@ def frames_and_log() -> tuple[Frames, FrameLog]:
     return frames, FrameLog(one, one, at, at, np.array([1, 1]), one, "mock", True)
 
 
-def test_what_was_shown_before_the_shutter_opened_does_not_count(bench: MockBench) -> None:
-    bench.frames, bench.log = frames_and_log()
-    bench.shared.played = frames_and_log()
-    bench.shared.pixels = object()  # type: ignore[assignment]
-    bench.whole, bench.close_ns = True, 7
-    bench.open_shutter(20)
-    left: list[object] = [bench.frames, bench.log, bench.shared.played, bench.shared.pixels]
-    assert left == [None] * 4
-    now: list[object] = [bench.whole, bench.open_ns, bench.close_ns, bench.shutter_open]
-    assert now == [False, 20, None, True]
-
-
 # What there is to read out.
 
 

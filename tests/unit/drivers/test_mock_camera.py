@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.mock.bench import MockBench
-from drivers.mock.camera import F_NUMBERS, BenchSensor, MockReadout
+from drivers.mock.camera import BenchSensor, MockReadout
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
@@ -128,9 +128,3 @@ def test_noise_is_drawn_anew_for_each_photo_and_the_same_for_a_seed(
     other, _ = photos(2)
     np.testing.assert_array_equal(first, again)
     assert bool((first != second).any()) == differ == bool((first != other).any())
-
-
-def test_the_lens_has_every_third_stop_from_1_to_256() -> None:
-    assert len(F_NUMBERS) == 49 and len(set(F_NUMBERS)) == 49
-    assert F_NUMBERS[::6] == (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)
-    assert (F_NUMBERS[1], F_NUMBERS[3], F_NUMBERS[5]) == (1.12, 1.41, 1.78)

@@ -256,14 +256,6 @@ def test_a_cancelled_exposure_ends_black_and_is_none() -> None:
     assert rig.bench.frames is None and rig.bench.log is None and not rig.bench.whole
 
 
-def test_the_bench_keeps_what_was_shown_and_since_when_it_is_black() -> None:
-    rig = Rig(mask={"phase_s": 0.004})
-    log = rig.play(3)
-    assert rig.bench.log is log and rig.bench.whole
-    assert rig.bench.frames is not None and len(rig.bench.frames) == 3
-    assert rig.bench.black_since_ns == T0 + 34 * MS == rig.clock.now_ns() == log.end_ns.max()
-
-
 def test_panels_that_hold_a_refresh_are_lit_until_they_are_black() -> None:
     rig = Rig()
     rig.display.show(frames_of(2))

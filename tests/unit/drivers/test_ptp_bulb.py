@@ -149,17 +149,6 @@ def test_after_a_repeated_end_the_second_refusal_is_the_first_ones_success() -> 
     assert shutter.since_ns is None
 
 
-def test_a_new_session_closes_and_spoils_what_was_open() -> None:
-    wire = Wire()
-    shutter = bulb(wire)
-    shutter.begin()
-    shutter.new_session(BULB)
-    assert wire.codes == [START, STOP] and shutter.since_ns is None
-    with pytest.raises(ExposureError, match="connection was lost"):
-        shutter.end()
-    shutter.end()
-
-
 @pytest.mark.parametrize(
     ("answer", "was_open", "refused"),
     [
@@ -281,17 +270,6 @@ def test_a_session_that_is_renewed_while_the_shutter_is_closed_has_closed_it() -
     with pytest.raises(ExposureError, match="connection was lost while the shutter was open"):
         shutter.end()
     assert wire.codes == [START, REMOTE.stop] and shutter.since_ns is None
-
-
-def test_an_exposure_that_was_spoiled_is_refused_once() -> None:
-    wire = Wire()
-    shutter = bulb(wire)
-    shutter.begin()
-    shutter.spoil("it lasted too long")
-    with pytest.raises(ExposureError, match="spoiled: it lasted too long"):
-        shutter.end()
-    assert wire.codes == [START, STOP] and shutter.since_ns is None
-    shutter.end()
 
 
 @pytest.mark.parametrize("is_open", [True, False])

@@ -126,11 +126,6 @@ def test_a_second_daemon_is_kept_out(pty: SimpleNamespace) -> None:
     second.disconnect()
 
 
-def test_a_port_without_modem_lines_says_so(pty: SimpleNamespace) -> None:
-    with pytest.raises(ConfigError, match="no modem lines"):
-        make(pty.path).connect()
-
-
 def test_unplugged(pty: SimpleNamespace) -> None:
     near, far = os.openpty()
     box = make(os.ttyname(far), **BOX)

@@ -220,13 +220,6 @@ def test_unplugged_during_an_exposure_is_never_called_closed(line: FakeLine, shu
     assert box.open()
 
 
-def test_the_limit_is_the_longest_exposure_and_half_a_minute() -> None:
-    trigger = TriggerConfig(options={"port": "loop://"})
-    config = Config(trigger=trigger, limits=LimitsConfig(max_exposure_s=100.0))
-    box = SerialShutter.create(DriverContext(config=config, clock=VirtualClock()))
-    assert box._limit_s == 130.0
-
-
 def test_an_exposure_of_any_length_is_guarded_by_a_time_that_can_be_waited_for(
     line: FakeLine,
 ) -> None:

@@ -9,13 +9,11 @@ import pytest
 
 from drivers.ptp.codes import ExposureMode, FocusMode
 from drivers.ptp.events import ObjectAdded, PropValue, parse_events
-from drivers.virtual_camera.body import DATA_OUT, CameraBody
-from drivers.virtual_camera.faults import FaultScript, ScriptedFault, WireKind
+from drivers.virtual_camera.body import CameraBody
+from drivers.virtual_camera.faults import FaultScript
 from drivers.virtual_camera.films import PlainFilm
 from drivers.virtual_camera.model import BULB_BODY, CameraModel
-from drivers.virtual_camera.properties import Properties
 from drivers.virtual_camera.reply import CameraReply
-from drivers.virtual_camera.shutter import DCIM, FOLDER_HANDLE, ROOT_HANDLE, FileStore
 from pdcd.bench.clock import VirtualClock
 
 OK, GENERAL, NO_SESSION, UNSUPPORTED, BAD_HANDLE = 0x2001, 0x2002, 0x2003, 0x2005, 0x2009
@@ -112,32 +110,6 @@ def test_a_setting_is_refused_for_its_own_reason() -> None:
     assert camera.heard() == [PropValue.of(0xD103, 0x50)]
 
 
-def test_room_for_shots_is_told_when_it_changes_or_is_asked_for() -> None:
-    camera = Camera().begin()
-    camera.set(DESTINATION, 4)
-    assert camera.heard() == [PropValue.of(DESTINATION, 4), PropValue.of(SHOTS, 0)]
-    for parameters, shots in (((0x1000, 0x1000, 1), 5), ((1,), 5), ((0,), 0), ((), 0)):
-        assert camera.ask(0x911A, *parameters) == OK
-        assert camera.heard() == [PropValue.of(SHOTS, shots)]
-    camera.ask(0x911A, 1)
-    camera.set(DESTINATION, 4)
-    assert camera.heard() == [PropValue.of(SHOTS, 5), PropValue.of(DESTINATION, 4)]
-
-
-def test_a_photo_in_memory_takes_room_until_its_transfer_is_complete() -> None:
-    camera = Camera().begin()
-    camera.set(DESTINATION, 4)
-    camera.ask(0x911A, 1)
-    camera.heard()
-    for code in (0x9117, 0x9118):
-        photo = camera.photo()
-        assert camera.behind == [PropValue.of(SHOTS, 4)]
-        assert camera.ask(code, photo.handle + 1) == BAD_HANDLE
-        assert camera.ask(code, photo.handle) == OK
-        assert camera.heard() == [PropValue.of(SHOTS, 5)]
-        assert camera.ask(code, photo.handle) == BAD_HANDLE
-
-
 @pytest.mark.parametrize("code", [0x100B, 0x9105])
 def test_a_photo_on_the_card_stays_until_it_is_deleted(code: int) -> None:
     camera = Camera().begin()
@@ -150,30 +122,7 @@ def test_a_photo_on_the_card_stays_until_it_is_deleted(code: int) -> None:
     assert camera.ask(code, photo.handle) == BAD_HANDLE
 
 
-def test_the_camera_is_locked_unlocked_and_kept_on() -> None:
-    camera = Camera().begin()
-    assert not camera.body.ui_locked and camera.body.kept_on == 0
-    assert camera.ask(0x911B) == OK and camera.body.ui_locked
-    assert camera.ask(0x911C) == OK and not camera.body.ui_locked
-    assert camera.ask(KEEP_ON) == camera.ask(KEEP_ON) == OK and camera.body.kept_on == 2
-    assert camera.body.status() == OK
-
-
 # The release.
-
-
-def test_bulb_is_held_and_ended() -> None:
-    camera = Camera().begin()
-    assert camera.ask(END) == GENERAL
-    assert camera.ask(0x910F) == GENERAL  # a timed release does not do for bulb
-    assert camera.ask(START) == OK and camera.body.shutter.is_open
-    assert camera.ask(START) == BUSY and camera.body.shutter.opened == 1
-    assert camera.ask(END) == OK and not camera.body.shutter.is_open
-    assert camera.ask(START) == BUSY  # its file is on its way
-    camera.wait(1.0)
-    assert camera.ask(START) == BUSY  # and must be heard of
-    camera.heard()
-    assert camera.ask(START) == OK
 
 
 @pytest.mark.parametrize(
@@ -201,63 +150,3 @@ def test_a_body_releases_where_it_is_set_for_it(
 
 
 # The cable, and faults.
-
-
-@pytest.mark.parametrize(
-    ("kind", "code", "done", "told"),
-    [
-        ("busy", BUSY, 0, None),
-        ("error", GENERAL, 0, None),
-        ("deaf", OK, 0, "deaf"),
-        ("unplug", OK, 0, "unplug"),
-        ("lost-session", NO_SESSION, 0, "lost-session"),
-        ("mute", OK, 1, "mute"),
-        ("stall", OK, 1, "stall"),
-        ("wrong-transaction", OK, 1, "wrong-transaction"),
-    ],
-)
-def test_a_fault_is_done_or_told_to_the_transport(
-    kind: WireKind, code: int, done: int, told: WireKind | None
-) -> None:
-    camera = Camera(wire=(ScriptedFault(kind, KEEP_ON),)).begin()
-    reply = camera.body.transact(KEEP_ON)
-    assert (reply.code, reply.fault, camera.body.kept_on) == (code, told, done)
-    assert camera.body.plugged == (kind != "unplug")
-    assert camera.body.session_open == (kind != "lost-session")
-
-
-def test_what_a_sound_body_tells_at_first() -> None:
-    told = Properties(BULB_BODY, FaultScript()).everything()
-    values = {r.prop: r.value for r in told if isinstance(r, PropValue) and len(r.data) == 4}
-    assert values == {
-        0xD101: 0x30,  # f/5.6
-        0xD102: 0x68,  # 1/60 s
-        0xD103: 0x48,  # ISO 100
-        0xD105: 3,  # the dial on M
-        0xD106: 0,
-        0xD108: 3,  # manual focus
-        0xD111: 2,  # a full battery
-        0xD114: 60,
-        0xD11B: 92,  # what its card has room for
-        0xD11C: 2,  # the card
-        0xD11E: 0x20001,
-        0xD1B0: 0,  # no live view
-    }
-    packed = {r.prop: r.data for r in told if isinstance(r, PropValue) and len(r.data) != 4}
-    assert packed[0xD120] == struct.pack("<5I", 1, 16, 6, 0, 4)
-    custom = struct.unpack(f"<{len(packed[0xD1A0]) // 4}I", packed[0xD1A0])
-    assert custom[0] == len(packed[0xD1A0]) and custom[1] == 2  # bytes in all, and groups
-    assert custom[2:11] == (1, 32, 2, 0x101, 1, 0, 0x10F, 1, 0)
-    assert custom[11:] == (2, 32, 2, 0x201, 1, 0, 0x202, 1, 0)
-
-
-def test_folders_are_those_of_a_canon_card() -> None:
-    store = FileStore()
-    assert (ROOT_HANDLE, DCIM, FOLDER_HANDLE) == (0, 0x41000000, 0x41900000)
-    found = [store.info(DCIM), store.info(FOLDER_HANDLE)]
-    assert [(i.name, i.parent, i.format, i.storage) for i in found if i] == [
-        ("DCIM", ROOT_HANDLE, 0x3001, 0x20001), ("100CANON", DCIM, 0x3001, 0x20001),
-    ]  # fmt: skip
-    assert store.children(0) == store.children(0xFFFFFFFF) == [DCIM]
-    assert store.children(DCIM) == [FOLDER_HANDLE]
-    assert frozenset({0x9110, 0x1016, 0x100C, 0x100D}) == DATA_OUT  # what brings data of its own

@@ -14,7 +14,6 @@ from drivers.virtual_camera import (
     RELEASE_BODY,
     CameraModel,
     FaultScript,
-    ScriptedFault,
 )
 from tests.virtual_eos import BULB, Client, raw_of, virtual_usb
 
@@ -169,45 +168,3 @@ def test_noise_reduction_doubles_the_time(make: Make) -> None:
     assert client.call(0x9125)[0] == BUSY
     client.wait(1.3)
     assert len(client.files()) == 1
-
-
-def test_files_that_go_astray(make: Make) -> None:
-    def after(script: FaultScript, wait_s: float) -> list[tuple[int, int, str]]:
-        client = make(script)
-        client.ready()
-        bulb(client, 1.0)
-        client.wait(wait_s)
-        found = client.files()
-        if script.file == "truncated":
-            assert len(client.ok(0x101B, found[0][0], 0, 4096)) == 1500
-        return found
-
-    assert after(FaultScript(file="none"), 3600.0) == []
-    assert after(FaultScript(file="late", late_s=20.0), 20.1) == []
-    assert len(after(FaultScript(file="late", late_s=20.0), 20.3)) == 1
-    first, second = after(FaultScript(file="twice"), 1.0)
-    assert first == second
-    assert after(FaultScript(file="truncated"), 1.0)[0][1] == 3000
-
-
-def test_a_fault_meets_the_calls_it_names(make: Make) -> None:
-    client = make(FaultScript(wire=(ScriptedFault("busy", 0x911D, first=2, times=2),)))
-    client.start()
-    assert [client.call(0x911D)[0] for _ in range(4)] == [OK, BUSY, BUSY, OK]
-
-
-def test_data_may_be_damaged_left_out_or_cut_short(make: Make) -> None:
-    def fault(kind: str) -> Client:
-        client = make(FaultScript(wire=(ScriptedFault(kind, 0x9108),)))  # type: ignore[arg-type]
-        client.start()
-        return client
-
-    whole = make()
-    whole.start()
-    assert fault("no-data").call(0x9108) == (OK, (), b"")
-    sound, damaged = whole.ok(0x9108), fault("corrupt").ok(0x9108)
-    assert sum(a != b for a, b in zip(sound, damaged, strict=True)) == 1
-    client = fault("short-read")
-    client.send(0x9108)
-    assert client.read()[12:] == sound[: len(sound) // 2]
-    assert len(client.read()) == 12  # and the response says OK

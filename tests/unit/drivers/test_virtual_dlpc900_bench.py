@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.mock import MockBench, MockShutter
+from drivers.mock import MockBench
 from drivers.virtual_dlpc900 import (
     MASK_SERIAL,
     PLANES_BY_OTHERS,
     PLANES_BY_TI,
     PROJECTOR_SERIAL,
-    VirtualDlpc900,
-    VirtualDmdBus,
     VirtualDmdOptions,
     VirtualDmdTiming,
     make_bench_bus,
@@ -32,7 +30,6 @@ from pdcd.bench.tables import (
     Config,
     PanelConfig,
     SceneConfig,
-    TriggerConfig,
 )
 from pdcd.panels.draw import draw
 from pdcd.panels.frames import FrameLog, Frames
@@ -41,7 +38,7 @@ from pdcd.panels.pixels import WHITE_SUM, Recorder
 from pdcd.panels.placing import Placing
 from pdcd.panels.schedule import build_frames
 from tests import bench_rig
-from tests.dmd_client import START, STOP, DmdClient, entry_bytes, make_image, pack_words
+from tests.dmd_client import START, STOP, DmdClient, entry_bytes
 
 GRID, SIZE = (4, 6), (24, 16)
 CODES, EXPOSURE_US, DARK_US = 30, 105, 20
@@ -217,16 +214,6 @@ def test_what_is_wrong_on_the_way_is_wrong_in_the_photo(wrong: str) -> None:
         assert differ(photo, rig.believed(replace(frames, primal_index=index))) < 1e-12
 
 
-def test_without_a_shutter_they_wait_in_the_dark_and_a_second_one_is_too_much() -> None:
-    frames = random_frames()
-    rig = DmdBench(frames)
-    rig.clock.sleep_until_ns(rig.clock.now_ns() + 10**10)
-    first = rig.expose()
-    assert differ(first, rig.believed(frames)) < 1e-12
-    rig.bench.photo_taken()
-    assert not rig.expose().any(), "they have shown all they had to"
-
-
 def test_a_photo_of_panels_that_were_lit_before() -> None:
     """A sequence without an end, of which the shutter sees a part."""
     frames = random_frames()
@@ -317,16 +304,6 @@ def test_a_finder_sees_what_stands() -> None:
     assert not rig.bench.held_light().any()
 
 
-def test_a_shutter_drives_the_line() -> None:
-    frames = random_frames()
-    rig = DmdBench(frames, config_of(trigger=TriggerConfig(lag_s=0.01, jitter_s=0.0)))
-    shutter = MockShutter.create(rig.context)
-    shutter.open()
-    rig.clock.sleep_until_ns(rig.clock.now_ns() + EXPOSED_NS)
-    shutter.close()
-    assert differ(rig.bench.quads(), rig.believed(frames)) < 1e-12
-
-
 def test_a_machine_vision_camera_drives_the_line() -> None:
     of_camera = pytest.importorskip("drivers.virtual_genicam.bench", reason="it needs Aravis")
     frames = random_frames()
@@ -337,73 +314,3 @@ def test_a_machine_vision_camera_drives_the_line() -> None:
     rig.clock.sleep_until_ns(now_ns + 20_000_000)
     film.close(now_ns + 20_000_000)
     assert differ(rig.bench.quads(), rig.believed(frames)) < 1e-12
-
-
-def test_the_usb_by_its_name() -> None:
-    context = DriverContext(config_of(), VirtualClock())
-    backend = context.usb_backend("virtual-dlpc900")
-    assert isinstance(backend, VirtualDmdBus)
-    assert [device.serial for device in backend.devices] == [PROJECTOR_SERIAL, MASK_SERIAL]
-    assert all(isinstance(device, VirtualDlpc900) for device in backend.devices)
-    assert all(device.model.size_px == SIZE for device in backend.devices)
-    assert MockBench.of(context).panels is not None
-
-
-@pytest.mark.whole
-def test_a_capture_of_128_codes_on_devices_of_full_size() -> None:
-    """Every plane as it was drawn, all times to 1 ns, and the mock's own photo."""
-    grid, size, codes = (48, 64), (1920, 1080), 128
-    panel = PanelConfig(size_px=size, refresh_hz=1e6 / EXPOSURE_US)
-    config = Config(projector=panel, mask=panel, scene=SceneConfig(kind="open-book", grid=grid))
-    clock = VirtualClock()
-    context = DriverContext(config, clock)
-    usb = make_bench_bus(context)
-    bench, panels = MockBench.of(context), panels_of(config)
-    rng = np.random.default_rng(4)
-    patterns = [rng.random((codes, grid[0] * grid[1])) < 0.5 for _ in range(2)]
-    frames = build_frames(
-        (pack_bits(patterns[0]), pack_bits(patterns[1])),
-        grid, window="whole", schedule="none", passes=1, dark_s=DARK_US * 1e-6,
-    )  # fmt: skip
-    drawn = []
-    for serial, view, own in zip(
-        (PROJECTOR_SERIAL, MASK_SERIAL), (panels.projector, panels.mask), patterns, strict=True
-    ):
-        client = DmdClient(usb, serial)
-        client.begin()
-        client.configure(
-            [
-                entry_bytes(n, EXPOSURE_US, DARK_US, n // 24, n % 24, wait=n == 0)
-                for n in range(codes)
-            ]
-        )
-        number = build_frames(
-            None, grid, window="whole", schedule="none", passes=1
-        )  # the field alone
-        field = draw(number, view, 0) > 0
-        rows = (2 * np.arange(size[1]) + 1) * grid[0] // (2 * size[1])
-        cols = (2 * np.arange(size[0]) + 1) * grid[1] // (2 * size[0])
-        for index in reversed(range(-(-codes // 24))):
-            words = pack_words(own[24 * index : 24 * index + 24], PLANES_BY_TI)
-            whole = words.reshape(grid)[rows[:, None], cols] * field
-            assert client.load(index, make_image(whole.astype(np.uint32))) == 0
-        drawn.append(view)
-        client.run(START)
-    bench.open_shutter(clock.now_ns())
-    open_ns = clock.now_ns()
-    clock.sleep_until_ns(open_ns + DELAY_NS + codes * ROW_NS + 500_000)
-    bench.close_shutter(clock.now_ns())
-    for device, view, mask in zip(usb.devices, drawn, (False, True), strict=True):
-        changes = device.list_changes(open_ns, clock.now_ns())
-        lit = [(at_ns, plane) for at_ns, plane in changes if plane is not None]
-        assert [at_ns - open_ns - DELAY_NS for at_ns, _ in lit] == [
-            ROW_NS * n for n in range(codes)
-        ]
-        for row, (_, plane) in enumerate(lit):
-            assert np.array_equal(plane.words >> plane.bit & 1, draw(frames, view, row) > 0), mask
-    photo = bench.quads()
-    own_bench = MockBench(config, bench.scene)
-    own_bench.open_shutter(open_ns)
-    own_bench.frames, own_bench.log = frames, log_of(codes, open_ns, frames.dark_s)
-    own_bench.close_shutter(clock.now_ns())
-    assert differ(photo, own_bench.quads()) < 1e-9

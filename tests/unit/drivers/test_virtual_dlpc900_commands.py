@@ -8,7 +8,6 @@ from collections.abc import Callable
 import pytest
 
 from drivers.virtual_dlpc900 import (
-    DLP9000,
     VirtualDmdOptions,
 )
 from tests.dmd_client import (
@@ -60,55 +59,12 @@ def test_a_command_of_several_reports() -> None:
     assert rig.device.read_report() == report(0x40, 77, 0, 0)
 
 
-def test_a_report_with_a_report_id_is_another_command() -> None:
-    rig = VirtualDmdRig()
-    shifted = b"\0" + report(0x40, 7, 3, 0, 0x24, 0x1A, 0)  # as hidapi wants it, and pyusb not
-    assert rig.client.device.write(1, shifted) == 65
-    assert rig.device.read_report() is None
-
-
 def test_a_command_longer_than_the_buffer() -> None:
     rig = VirtualDmdRig()
     assert rig.client.refuses(BEGIN, struct.pack("<HI", 0, 1000)) == 0
     assert rig.client.refuses(DATA, struct.pack("<H", 504) + bytes(504)) == 0
     assert rig.client.refuses(DATA, struct.pack("<H", 505) + bytes(505)) == 6
     assert rig.client.read(MODE) == b"\3", "the next command is understood"
-
-
-def test_what_is_told_of_it() -> None:
-    client = VirtualDmdRig(begun=False).client
-    assert client.read(0x0205) == bytes([0, 0, 0, 6] * 4), "6.0.0, four times"
-    assert client.read(0x0206) == b"\0virtual".ljust(32, b"\0"), "none of those there are"
-    assert client.read(0x1A0A) == b"\1" and client.read(0x1A0B) == b"\1"
-    assert client.read(0x1A0C) == b"\2", "its startup pattern runs"
-    assert client.read(MODE) == b"\1" and client.read(0x0200) == b"\0"
-    assert client.read(0x1A42) == struct.pack("<H", 105).ljust(32, b"\0")
-    assert client.read(CONFIGURE) == bytes(6)
-    assert client.read(0x1A35) == bytes([105, 0, 0])
-    big = VirtualDmdRig(model=DLP9000, begun=False).client
-    assert big.read(0x0206)[0] == 2 and big.read(0x1A0A) == b"\x11"
-
-
-@pytest.mark.parametrize(
-    ("code", "data"),
-    [
-        (0x1A1D, struct.pack("<Bhh", 1, -20, 20_000)),
-        (0x1A1E, struct.pack("<Bhh", 0, 0, -5)),
-        (0x1A35, struct.pack("<HB", 200, 1)),
-        (0x1A36, b"\1"),
-        (0x1A00, b"\2"),
-        (0x1A02, b"\1"),
-        (0x1A03, b"\3"),
-        (0x1A07, b"\7"),
-        (0x0B01, bytes(3)),
-        (0x1100, bytes.fromhex("ff01ff01ff01")),
-    ],
-)
-def test_what_was_written_is_read(code: int, data: bytes) -> None:
-    client = VirtualDmdRig().client
-    client.write(code, data)
-    assert client.read(code) == data
-    assert client.refuses(code, data + b"\0") == 6
 
 
 # Refusals

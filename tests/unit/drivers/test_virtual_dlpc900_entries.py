@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from drivers.virtual_dlpc900 import (
-    DLP6500,
-    DLP9000,
     PLANES_BY_OTHERS,
     PLANES_BY_TI,
     VirtualDmdModel,
     VirtualDmdOptions,
-    choose_dmd_model,
 )
 from tests.dmd_client import (
     BEGIN,
@@ -107,14 +104,6 @@ def test_an_empty_piece_may_follow_an_image() -> None:
     client.write(BEGIN, struct.pack("<HI", 0, len(BLACK_IMAGE)))
     assert client.refuses(DATA, struct.pack("<H", 5) + bytes(4)) == 6
     assert client.refuses(DATA, struct.pack("<H", 4) + bytes(5)) == 6
-
-
-def test_data_is_not_answered_unless_that_is_asked_for() -> None:
-    rig = VirtualDmdRig()
-    rig.client.configure([entry()])
-    rig.client.write(BEGIN, struct.pack("<HI", 0, 600))
-    rig.client.send(DATA, struct.pack("<H", 504) + bytes(504), flags=0)
-    assert rig.device.read_report() is None
 
 
 @pytest.mark.parametrize(
@@ -225,14 +214,6 @@ def test_two_controllers_have_a_half_each() -> None:
     assert rig.client.load(0, make_image(words)) == 6, "an image of both"
 
 
-def test_models_by_size() -> None:
-    assert choose_dmd_model((1920, 1080)) is DLP6500 and DLP6500.half_px == (1920, 1080)
-    assert choose_dmd_model((2560, 1600)) is DLP9000 and DLP9000.half_px == (1280, 1600)
-    assert choose_dmd_model((40, 30)).half_px == (40, 30)
-    rig = VirtualDmdRig(model=DLP9000)
-    assert rig.client.refuses(DEFINE, entry(image=17, bit=23)) == 0, "480 planes, but 18 images"
-
-
 def test_another_order_of_entries_keeps_images() -> None:
     rig = VirtualDmdRig()
     rig.client.upload(PLANES[:3], entries_of(3), PLANES_BY_TI)
@@ -243,12 +224,3 @@ def test_another_order_of_entries_keeps_images() -> None:
     assert rig.client.refuses(0x1A32, struct.pack("<HIH", 1, 1, 3)) == 15
     rig.client.configure(entries_of(3))
     assert rig.planes(3) == PLANES[:3].astype(int).tolist()
-
-
-def test_texts_of_errors_are_written_over_those_before() -> None:
-    client = VirtualDmdRig().client
-    assert client.refuses(DEFINE, entry(exposure_us=50)) == 14
-    assert client.error_text() == "an exposure of 50 us"
-    assert client.refuses(DEFINE, entry(image=18)) == 17
-    assert client.error_text() == "plane 0 of image 18"
-    assert client.read(0x0101)[:22] == b"plane 0 of image 18\0\0\0"

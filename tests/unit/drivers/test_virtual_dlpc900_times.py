@@ -13,7 +13,6 @@ import pytest
 
 from drivers.virtual_dlpc900 import (
     PLANES_BY_TI,
-    DmdRegister,
     VirtualDlpc900,
     VirtualDmdBus,
     VirtualDmdFault,
@@ -22,7 +21,7 @@ from drivers.virtual_dlpc900 import (
     choose_dmd_model,
 )
 from pdcd.bench.clock import VirtualClock
-from tests.dmd_client import CONFIGURE, PAUSE, START, STOP, DmdClient, entry_bytes
+from tests.dmd_client import PAUSE, START, STOP, DmdClient, entry_bytes
 
 US = 1000
 PLANES = np.arange(24)[:, None, None] // 2 ** np.arange(5)[None, None, :] % 2 > 0
@@ -287,21 +286,6 @@ def test_latency_jitter_and_the_start_by_command() -> None:
     assert np.std(late) == pytest.approx(300, rel=0.2)
 
 
-def test_the_second_input_starts_and_stops() -> None:
-    rig = Shower(entries_of((1000, 0), (1000, 0)), 0)
-    at_ns = rig.clock.now_ns()
-    rig.device.drive_line(2, True, at_ns)
-    rig.device.drive_line(2, False, at_ns + 1500 * US)
-    assert rig.shown(at_ns, at_ns + 5000 * US) == [(0, 1), (1000 * US, 2), (1500 * US, None)]
-    rig.clock.sleep_until_ns(at_ns + 10_000 * US)
-    rig.client.write(0x1A36, b"\1")
-    at_ns = rig.clock.now_ns()
-    rig.device.drive_line(2, True, at_ns)
-    assert rig.client.read(0x1A0C) == b"\0"
-    rig.device.drive_line(2, False, rig.clock.now_ns())
-    assert rig.client.read(0x1A0C) == b"\2"
-
-
 def test_pulses_of_both_outputs() -> None:
     entries = [entry_bytes(n, 105, dark, 0, n, extra=n % 2) for n, dark in enumerate([20, 0, 0])]
     meanings: list[tuple[Literal[0, 1], list[int]]] = [(0, [0, 125 + 105]), (1, [125])]
@@ -347,54 +331,6 @@ def test_idle_mirrors_toggle_and_are_not_black() -> None:
     rig.client.write(0x0201, b"\0")
     assert rig.client.read(0x1A0C) == b"\0" and rig.device.find_content() is None
     rig.start()
-
-
-def test_an_abort_of_the_sequencer_leaves_what_stood() -> None:
-    fault = VirtualDmdFault("abort", DmdRegister.RUN, first=3, patterns=2)
-    rig = Shower(entries_of(*THREE), 0, faults=[fault])
-    at_ns = rig.start()
-    rig.wait(5000)
-    assert rig.shown(at_ns, rig.clock.now_ns()) == [(0, 1), (105 * US, None), (125 * US, 2)]
-    assert rig.client.read(0x1A0C) == b"\0" and rig.client.read(0x1A0A) == b"\xc1"
-    rig.client.run(STOP)
-    assert rig.device.find_content() is None
-    rig.start()
-    assert rig.client.read(0x1A0A) == b"\1", "the next start is as ever"
-
-
-def test_a_reset_begins_anew_after_some_seconds() -> None:
-    rig = Shower(entries_of(*THREE), 0)
-    rig.start()
-    rig.client.send(0x0200, b"\2", flags=0)
-    assert not rig.device.plugged and rig.device.find_content() is None
-    rig.wait(4_000_000)
-    assert rig.device.plugged and rig.device.find_content() is not None
-    client = DmdClient(VirtualDmdBus(rig.device))
-    assert client.read(0x1A1B) == b"\1" and client.read(CONFIGURE) == bytes(6)
-
-
-def test_two_devices_on_one_line_differ_by_their_latency_alone() -> None:
-    clock, bus = VirtualClock(), []
-    for latency_ns in (0, 2000):
-        timing = VirtualDmdTiming(latency_ns=latency_ns)
-        bus.append(
-            VirtualDlpc900(
-                clock, choose_dmd_model((5, 1)), str(latency_ns), VirtualDmdOptions(timing=timing)
-            )
-        )
-    both = VirtualDmdBus(*bus)
-    for device in bus:
-        client = DmdClient(both, device.serial)
-        client.upload(PLANES, entries_of(*THREE, wait=[0]), PLANES_BY_TI)
-        client.run(START)
-    edge_ns = clock.now_ns()
-    for device in bus:
-        device.drive_line(1, True, edge_ns)
-    times = [
-        [at_ns for at_ns, plane in device.list_changes(edge_ns, edge_ns + 10**7)][1:]
-        for device in bus
-    ]
-    assert {late - soon for soon, late in zip(*times, strict=True)} == {2000}
 
 
 def test_changes_are_the_same_however_time_is_cut() -> None:

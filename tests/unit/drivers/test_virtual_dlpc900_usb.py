@@ -3,9 +3,7 @@ goes wrong on the way."""
 
 from __future__ import annotations
 
-import array
 import errno
-import struct
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,8 +14,6 @@ import usb.util
 
 from drivers.virtual_dlpc900 import (
     PLANES_BY_TI,
-    DmdRegister,
-    RefusalCode,
     VirtualDlpc900,
     VirtualDmdBus,
     VirtualDmdFault,
@@ -25,7 +21,7 @@ from drivers.virtual_dlpc900 import (
     choose_dmd_model,
 )
 from pdcd.bench.clock import VirtualClock
-from tests.dmd_client import CONFIGURE, MODE, RUN, START, STOP, DmdClient, entry_bytes
+from tests.dmd_client import START, STOP, DmdClient, entry_bytes
 
 PLANES = np.random.default_rng(2).random((30, 4, 6)) < 0.5
 ENTRIES = [entry_bytes(n, 105, 0, n // 24, n % 24, wait=n == 0) for n in range(30)]
@@ -114,110 +110,10 @@ def test_a_claim_is_for_one() -> None:
         bus.client("A2").run(STOP)
 
 
-def test_one_report_a_millisecond_for_each_device() -> None:
-    bus = Bus(2)
-    one, two = bus.client("A1"), bus.client("A2")
-    begun = bus.ms
-    one.run(STOP)
-    assert bus.ms - begun == 2, "there and back"
-    begun = bus.ms
-    one.send(0x1A2B, bytes(506), flags=0)
-    assert bus.ms - begun == 8, "512 bytes"
-    fast = Bus(options=VirtualDmdOptions(report_s=0.000125))
-    client, begun = fast.client(), fast.ms
-    client.run(STOP)
-    assert fast.ms - begun == 0.25
-    two.run(STOP)
-    assert [device.reports for device in bus.devices] == [10, 2]
-
-
-def test_a_report_is_whole_or_lost() -> None:
-    bus = Bus()
-    client = bus.client()
-    client.send(MODE, flags=0xC0)
-    with fails(errno.EOVERFLOW):
-        client.device.read(0x81, 63)
-    begun = bus.ms
-    with pytest.raises(usb.core.USBTimeoutError):
-        client.device.read(0x81, 64, 200)
-    assert bus.ms - begun == 200
-    with fails(errno.ENOENT):
-        bus.usb.intr_write(claimed(bus), 0x02, 0, array.array("B", bytes(64)), 100)
-
-
 def claimed(bus: Bus) -> Any:
     usb_handle = bus.usb.open_device(next(bus.usb.enumerate_devices()))
     bus.usb._claimed[usb_handle.address] = usb_handle
     return usb_handle
-
-
-def test_old_replies_are_gone_unless_they_are_kept() -> None:
-    """pyusb drops what nobody fetched; hidapi's queue has it."""
-    for kept, sequences in ((1, [3]), (8, [1, 2, 3])):
-        bus = Bus(options=VirtualDmdOptions(replies_kept=kept))
-        client = bus.client()
-        for number in (1, 2, 3):
-            client.send(RUN, bytes([STOP]), flags=0x40, sequence=number)
-        assert [client.fetch()[1] for _ in sequences] == sequences
-        with pytest.raises(usb.core.USBTimeoutError):
-            client.fetch(50)
-
-
-def test_stale_replies_wait_before_the_first_command() -> None:
-    bus = Bus(options=VirtualDmdOptions(replies_kept=8))
-    client = bus.client()
-    bus.devices[0].leave_stale(200, 201)
-    client.send(MODE, flags=0xC0, sequence=5)
-    assert [client.fetch()[1] for _ in range(3)] == [200, 201, 5]
-
-
-@pytest.mark.parametrize(
-    ("kind", "done", "answered"),
-    [("deaf", False, False), ("mute", True, False), ("error", False, True)],
-)
-def test_commands_that_are_not_done_or_not_answered(kind: Any, done: bool, answered: bool) -> None:
-    fault = VirtualDmdFault(kind, DmdRegister.MODE, first=2, code=RefusalCode.DEVICE_FAILURE)
-    bus = Bus(faults=[fault])
-    client = bus.client()
-    client.begin()
-    if answered:
-        assert client.refuses(MODE, b"\0") == 2
-    else:
-        client.send(MODE, b"\0", flags=0x40)
-        with pytest.raises(usb.core.USBTimeoutError):
-            client.fetch(100)
-    assert client.read(MODE) == (b"\0" if done else b"\3")
-
-
-def test_a_reply_that_comes_after_the_next_one() -> None:
-    bus = Bus(
-        faults=[VirtualDmdFault("late", DmdRegister.MODE)],
-        options=VirtualDmdOptions(replies_kept=2),
-    )
-    client = bus.client()
-    client.send(MODE, flags=0xC0, sequence=1)
-    client.send(0x0200, flags=0xC0, sequence=2)
-    assert [client.fetch()[1:] for _ in range(2)] == [(2, b"\0"), (1, b"\1")]
-
-
-@pytest.mark.parametrize("seconds", [0.5, 1.5])
-def test_a_device_that_is_busy(seconds: float) -> None:
-    bus = Bus(faults=[VirtualDmdFault("busy", DmdRegister.MODE, seconds=seconds)])
-    client = bus.client()
-    client.run(STOP)
-    client.send(MODE, b"\3", flags=0x40)
-    begun = bus.ms
-    if seconds < 1.0:
-        assert client.fetch()[0] == 0x40
-        assert bus.ms - begun == 501
-        return
-    with pytest.raises(usb.core.USBTimeoutError):
-        client.fetch()
-    assert bus.ms - begun == 1000
-    with pytest.raises(usb.core.USBTimeoutError):
-        client.device.write(1, bytes(64), 100)
-    assert bus.ms - begun == 1100
-    assert client.fetch()[0] == 0x40 and bus.ms - begun == 1501
 
 
 def upload(client: DmdClient) -> None:
@@ -267,43 +163,3 @@ def test_a_sequence_goes_on_when_the_plug_is_out() -> None:
     begun_ns = bus.clock.now_ns()
     device.drive_line(1, True, begun_ns)
     assert len(device.list_changes(begun_ns, begun_ns + 10**7)) > 30
-
-
-@pytest.mark.parametrize("kind", ["unplug", "reset"])
-def test_a_device_that_goes_at_a_command(kind: Any) -> None:
-    bus = Bus(faults=[VirtualDmdFault(kind, DmdRegister.LUT_CONFIGURE)])
-    client = bus.client()
-    with fails(errno.ENODEV):
-        client.upload(PLANES, ENTRIES, PLANES_BY_TI)
-    device = bus.devices[0]
-    assert not device.plugged
-    if kind == "unplug":
-        device.replug()
-        again = bus.client()
-        assert again.read(CONFIGURE) == bytes(6), "it was not done"
-        assert again.read(MODE) == b"\3"
-        return
-    bus.clock.sleep_until_ns(bus.clock.now_ns() + 5 * 10**9)
-    assert bus.client().read(MODE) == b"\1"
-
-
-def test_a_reset_of_the_port_ends_claims_and_leaves_the_mirrors_alone() -> None:
-    bus = Bus()
-    client = bus.client()
-    upload(client)
-    client.device.reset()
-    with fails(errno.ENODEV):
-        client.run(STOP)
-    again = usb.core.find(backend=bus.usb)
-    assert again.is_kernel_driver_active(0)
-    assert bus.client().read(0x1A0C) == b"\2", "it still waits"
-
-
-def test_half_a_command_is_forgotten_with_the_plug() -> None:
-    bus = Bus()
-    client = bus.client()
-    whole = struct.pack("<BBHH", 0x40, 1, 100, 0x1A32) + bytes(98)
-    client.device.write(1, whole[:64])
-    bus.devices[0].unplug()
-    bus.devices[0].replug()
-    bus.client().run(STOP)

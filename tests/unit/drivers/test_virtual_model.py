@@ -12,12 +12,10 @@ import usb.util
 from drivers.ptp.events import is_raw_only
 from drivers.virtual_camera.model import (
     BULB_BODY,
-    CABLE_BODY,
     EOS_450D,
     LARGE_FINE_JPEG,
     RAW_AND_JPEG,
     RAW_FORMAT,
-    RELEASE_BODY,
 )
 from tests.virtual_eos import virtual_usb
 
@@ -49,17 +47,6 @@ def test_the_450d_lists_what_a_real_one_does() -> None:
     assert (EOS_450D.vendor_extension_id, EOS_450D.vendor_extension_version) == (11, 200)
     assert EOS_450D.vendor_extension == ""
     assert len(EOS_450D.serial) == 32  # which libgphoto2 reads as 128 bits
-
-
-def test_the_other_bodies_differ_in_how_they_are_released() -> None:
-    bulb, release, cable = (
-        set(body.info.operations) for body in (BULB_BODY, RELEASE_BODY, CABLE_BODY)
-    )
-    assert bulb - cable == {0x9125, 0x9126} and cable < bulb
-    assert release - cable == {0x9128, 0x9129} and cable < release
-    assert {body.info.model for body in (BULB_BODY, RELEASE_BODY, CABLE_BODY)} == {
-        "Canon EOS 450D", "Virtual EOS (release on/off)", "Virtual EOS (cable only)",
-    }  # fmt: skip
 
 
 def test_picture_formats_are_as_the_camera_packs_them() -> None:

@@ -185,18 +185,6 @@ def test_a_cancel_gives_up_the_answer_and_keeps_the_halt() -> None:
 # Transfers.
 
 
-def test_waits_are_on_the_cameras_clock() -> None:
-    bus = Bus()
-    before_ns = bus.clock.now_ns()
-    with fails(errno.ETIMEDOUT):
-        bus.read()
-    assert bus.clock.now_ns() - before_ns == 100_000_000
-    buffer = array.array("B", bytes(8))
-    with fails(errno.ETIMEDOUT):
-        bus.usb.intr_read(bus.handle, INTERRUPT, 0, buffer, 30)
-    assert bus.clock.now_ns() - before_ns == 130_000_000
-
-
 def test_a_transfer_is_read_in_pieces_of_whole_packets() -> None:
     wordy = replace(BULB_BODY.info, device_version="x" * 200)
     bus, info = Bus(model=replace(BULB_BODY, info=wordy)), wordy.pack()
@@ -226,16 +214,6 @@ def test_data_to_the_camera_may_come_in_pieces_behind_their_command() -> None:
         for piece in pieces:
             assert bus.write(piece) == len(piece)
         assert bus.response(1) == 0x2001 and bus.body.settings.iso == 200
-
-
-@pytest.mark.parametrize("kind", ["mute", "deaf"])
-def test_no_answer_is_none(kind: Any) -> None:
-    bus = Bus(ScriptedFault(kind, INFO))
-    bus.command(INFO)
-    with fails(errno.ETIMEDOUT):
-        bus.read()
-    bus.command(INFO)
-    assert len(bus.read()) > 12
 
 
 def test_whole_packets_end_with_an_empty_one() -> None:
@@ -346,26 +324,3 @@ def test_nonsense_halts_the_way_out_and_all_is_forgotten(begun: int, nonsense: b
     bus.usb.clear_halt(bus.handle, OUT)
     bus.command(0x1002, 1)
     assert bus.response() == 0x2001
-
-
-def test_requests_that_are_none_are_refused() -> None:
-    for kind, request, data in ((0x21, 0x64, bytes(5)), (0xA1, 0x65, 64)):
-        with fails(errno.EPIPE):
-            Bus().control(kind, request, data)
-
-
-def test_there_is_one_of_each() -> None:
-    usb_ = Bus().usb
-    (device,) = usb_.enumerate_devices()
-    for ask, *index in (
-        (usb_.get_configuration_descriptor, 1),
-        (usb_.get_interface_descriptor, 1, 0, 0),
-        (usb_.get_interface_descriptor, 0, 1, 0),
-        (usb_.get_interface_descriptor, 0, 0, 1),
-        (usb_.get_endpoint_descriptor, 0, 1, 0, 0),
-        (usb_.get_endpoint_descriptor, 0, 0, 1, 0),
-        (usb_.get_endpoint_descriptor, 0, 0, 0, 1),
-        (usb_.get_endpoint_descriptor, 3, 0, 0, 0),
-    ):
-        with pytest.raises(IndexError):
-            ask(device, *index)
