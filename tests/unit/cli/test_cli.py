@@ -61,22 +61,23 @@ def test_help_imports_nothing_heavy() -> None:
     assert "'argparse'" in modules
 
 
-def test_a_client_imports_no_heavy_library() -> None:
-    """What talks to a daemon names its maps, but works nothing out with them."""
-    code = "import sys, pdcd.client; print(*sys.modules)"
+@pytest.mark.parametrize(
+    ("imported", "named", "heavy"),
+    [
+        # What talks to a daemon names its maps, but works nothing out with them.
+        ("pdcd.client", "pdcd.panels.map", {"scipy", "cv2", "rawpy", "asyncio"}),
+        # What only the daemon's work process needs takes a fifth of its start.
+        ("pdcd.server.daemon, pdcd.capture.engine", "pdcd.pictures.darkroom",
+         {"scipy.sparse", "scipy.ndimage", "scipy.special", "scipy.fft"}),
+    ],
+)  # fmt: skip
+def test_clients_and_daemons_begin_without_heavy_libraries(
+    imported: str, named: str, heavy: set[str]
+) -> None:
+    code = f"import sys, {imported}; print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     modules = set(run.stdout.split())
-    assert "pdcd.panels.map" in modules
-    assert not modules & {"scipy", "cv2", "rawpy", "asyncio"}
-
-
-def test_a_daemon_begins_without_what_only_its_work_process_needs() -> None:
-    """They take a fifth of its start."""
-    code = "import sys, pdcd.server.daemon, pdcd.capture.engine; print(*sys.modules)"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    modules = set(run.stdout.split())
-    assert "pdcd.pictures.darkroom" in modules
-    assert not modules & {"scipy.sparse", "scipy.ndimage", "scipy.special", "scipy.fft"}
+    assert named in modules and not modules & heavy
 
 
 @pytest.mark.parametrize(
@@ -297,16 +298,6 @@ def test_every_share_may_be_a_percentage(
     assert main(["capture", "indirect", f"--{option.replace('_', '-')}", text]) == 0
     _, (wanted, *_), _ = daemon.asked
     assert getattr(wanted, option) == pytest.approx(0.6)
-
-
-def test_the_share_of_light_through_a_mask_may_be_a_percentage(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    outputs = []
-    for text in ("50%", "0.5", "0.25"):
-        assert main(["snr", "--json", "--transmission", text]) == 0
-        outputs.append(capsys.readouterr().out)
-    assert outputs[0] == outputs[1] != outputs[2]
 
 
 def test_reader_that_has_gone_is_no_error_message() -> None:

@@ -282,14 +282,6 @@ def test_an_unknown_driver_exits_2(
     assert ("has 'sreial'" if line == "timing" else "no driver is called 'sreial'") in said
 
 
-def test_a_mistake_is_not_hidden_behind_all_options(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ("capture", "plan", "compare"):
-        with pytest.raises(SystemExit):
-            main([command, "indirect", "--codes", "many"])
-        lines = capsys.readouterr().err.splitlines()
-        assert len(lines) == 2 and "--codes" in lines[1]
-
-
 HOSTILE = ("--", "", "nan", "9" * 5000, "\udcff")
 
 

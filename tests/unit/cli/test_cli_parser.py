@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from pdcd.cli.parser import EXIT_CODES, actions_of, build_parser, list_subparsers
-from pdcd.cli.typed import parse_share
 
 """By command: its arguments, then its options, group by group."""
 PARSER = build_parser()
@@ -22,8 +21,6 @@ def test_every_command_says_what_it_does_and_how_it_may_end() -> None:
     assert PARSER.description is not None and "projector" in PARSER.description
     for name, parser in EVERY.items():
         assert parser.description and parser.epilog == EXIT_CODES, name
-    assert "--keep; a capture goes" in str(EVERY["runs prune"].description)
-    assert "~/.config/fish" in str(EVERY["completion"].description)
 
 
 def test_no_help_has_a_mark_of_the_table() -> None:
@@ -257,13 +254,3 @@ def test_what_is_typed_arrives_as_what_it_is(line: str) -> None:
     assert {name: type(told[name]) for name in wanted} == {
         name: type(value) for name, value in wanted.items()
     }
-
-
-@pytest.mark.parametrize(
-    ("text", "value"), [("1%", 0.01), ("0.01", 0.01), ("100%", 1.0), ("-3", -3.0), ("0", 0.0)]
-)
-def test_a_share_is_a_number_or_a_percentage(text: str, value: float) -> None:
-    assert parse_share(text) == pytest.approx(value, abs=1e-15)
-    for wrong in ("", "%", "1%%", "one"):
-        with pytest.raises(ValueError, match="could not convert"):
-            parse_share(wrong)

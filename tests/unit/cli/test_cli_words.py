@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import msgspec
 import pytest
 
 from pdcd.cli.main import main
-from pdcd.cli.output import say_comparison, say_result
-from pdcd.printable import to_percent
+from pdcd.cli.output import WIDTH, say_result
 from pdcd.protocol.plan_summary import PilotCost, PlanSummary, Prediction, ShotSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality
@@ -137,10 +135,22 @@ def test_all_that_is_known_of_a_photo_is_in_its_table(
     ]  # fmt: skip
 
 
-def test_what_was_made_again_is_compared_name_by_name(capsys: pytest.CaptureFixture[str]) -> None:
-    assert say_comparison({"a": 1}, iter([("x", True), ("y", False)]), as_json=False) == 5
-    assert capsys.readouterr().out == "identical  x\nDIFFERS    y\n"
-    assert say_comparison({"a": 1}, iter([("x", True)]), as_json=True) == 0
-    assert json.loads(capsys.readouterr().out) == {"a": 1}
-    assert say_comparison({}, [], as_json=False) == 0
-    assert (to_percent(0.12345), to_percent(1), to_percent("0.5")) == ("12.3 %", "100 %", "50 %")
+LONG = "shot coded: 1.2 % of the field is saturated (limit 0.2 %); " + "close the aperture " * 8
+EVIL = "x\npdcd: all is well\x1b[2J"
+QUALITY = Quality(verdict="doubtful", reasons=(LONG, EVIL), remarks=("bars are modelled",))
+
+
+def test_verdict_reasons_remarks_and_warnings(capsys: pytest.CaptureFixture[str]) -> None:
+    warnings = ("shot white: 3 pixels are saturated", EVIL)
+    summary: dict[str, Any] = {"codes": 8, "quality": QUALITY}
+    result = CaptureResult(job="j", state="done", folder="/j", summary=summary, warnings=warnings)
+    assert say_result(result, as_json=False) == 0
+    shown = capsys.readouterr().out
+    lines = shown.split("\n")
+    assert "verdict  doubtful" in lines
+    assert all(len(line) <= WIDTH and line.isprintable() for line in lines)
+    joined = " ".join(line.strip() for line in lines)
+    assert f"doubtful: {LONG.strip()}" in joined
+    assert "remark: bars are modelled" in lines
+    assert "warning: shot white: 3 pixels are saturated" in lines
+    assert not any(line.startswith("pdcd:") for line in lines)
