@@ -171,21 +171,6 @@ def test_queued_jobs_run_in_order() -> None:
     assert {job.state for job in jobs} == {"done"}
 
 
-def test_cancel_ends_a_waiting_job_at_once_and_flags_a_running_one() -> None:
-    table = JobTable()
-    running, waiting, third = admit(table), admit(table), admit(table)
-    assert table.cancel(waiting)
-    assert waiting.state == "cancelled"
-    assert waiting.result is not None and waiting.result.error is not None
-    assert waiting.result.error["kind"] == "cancelled" and waiting.result.files == ()
-    assert not table.cancel(running)
-    assert running.cancel_flag.is_set()
-    assert table.running is running
-    assert finish(table, running) is third
-    assert not table.cancel(running)
-    assert running.state == "done"
-
-
 def test_a_leaving_client_takes_its_jobs_but_not_the_detached_ones() -> None:
     table = JobTable()
     own = admit(table)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import os
 import socket
 from pathlib import Path
@@ -12,7 +11,7 @@ import pytest
 
 from pdcd.bench.tables import RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
-from pdcd.server import listening, log
+from pdcd.server import listening
 from pdcd.server.listening import open_listener
 
 
@@ -123,16 +122,3 @@ def test_the_socket_that_was_passed_is_served_and_not_handed_on(
         with open_listener(tmp_path / "other", ServerConfig()):
             pass
     assert caught.value.hint == "pdcd.socket needs one ListenStream"
-
-
-@pytest.mark.parametrize(
-    ("level", "priority"),
-    [(logging.DEBUG, 7), (logging.INFO, 6), (logging.WARNING, 4), (logging.ERROR, 3),
-     (logging.CRITICAL, 2), (25, 6)],
-)  # fmt: skip
-def test_lines_of_the_journal_have_the_priorities_of_syslog(level: int, priority: int) -> None:
-    record = logging.LogRecord("x", level, "", 0, "said", None, None)
-    record.stack_info = "Stack:\n  there"
-    told = log._JournalFormatter("%(name)s: %(message)s").format(record)
-    lines = [f"<{priority}>x: said", f"<{priority}>  Stack:", f"<{priority}>  there"]
-    assert told.split("\n") == lines

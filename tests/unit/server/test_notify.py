@@ -12,20 +12,23 @@ import pytest
 from pdcd.server.notify import Notifier, count_listen_fds, watchdog_s
 
 
-def test_lines_arrive_as_one_datagram(tmp_path: Path) -> None:
-    address = str(tmp_path / "notify")
+@pytest.mark.parametrize(
+    ("lines", "heard"),
+    [
+        (("READY=1", "STATUS=idle"), b"READY=1\nSTATUS=idle"),
+        (("STATUS=x\nMAINPID=1\x1b",), b"STATUS=x\\nMAINPID=1\\u001b"),
+    ],
+)
+@pytest.mark.parametrize("abstract", [False, True])
+def test_lines_arrive_as_one_datagram_and_stay_one_line_each(
+    tmp_path: Path, lines: tuple[str, ...], heard: bytes, abstract: bool
+) -> None:
+    """An abstract address begins with an at sign."""
+    name = f"pdcd-test-{os.getpid()}" if abstract else str(tmp_path / "notify")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
-        manager.bind(address)
-        Notifier({"NOTIFY_SOCKET": address}).send("READY=1", "STATUS=idle")
-        assert manager.recv(4096) == b"READY=1\nSTATUS=idle"
-
-
-def test_an_abstract_address_begins_with_an_at_sign() -> None:
-    name = f"pdcd-test-{os.getpid()}"
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
-        manager.bind("\0" + name)
-        Notifier({"NOTIFY_SOCKET": "@" + name}).send("WATCHDOG=1")
-        assert manager.recv(4096) == b"WATCHDOG=1"
+        manager.bind("\0" + name if abstract else name)
+        Notifier({"NOTIFY_SOCKET": "@" * abstract + name}).send(*lines)
+        assert manager.recv(4096) == heard
 
 
 def test_a_manager_that_is_gone_is_only_logged(
@@ -74,11 +77,3 @@ def test_the_watchdog_is_for_this_process_only(
 )
 def test_sockets_are_taken_only_when_meant_for_us(environ: dict[str, str], expected: int) -> None:
     assert count_listen_fds(environ) == expected
-
-
-def test_what_is_told_stays_one_line_each(tmp_path: Path) -> None:
-    address = str(tmp_path / "notify")
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
-        manager.bind(address)
-        Notifier({"NOTIFY_SOCKET": address}).send("STATUS=x\nMAINPID=1\x1b")
-        assert manager.recv(4096) == b"STATUS=x\\nMAINPID=1\\u001b"

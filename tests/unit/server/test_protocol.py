@@ -184,11 +184,6 @@ def test_what_faults_are_told_by_is_made_once(monkeypatch: pytest.MonkeyPatch) -
     assert [fault(line(*one)) for one in wrong] == said
 
 
-def test_of_a_clients_own_text_200_letters_are_echoed() -> None:
-    for length, echoed in ((200, "x" * 200), (201, "x" * 200 + "...")):
-        assert fault(line("x" * length))["error"]["message"] == f"unknown method {echoed}"
-
-
 # --- streams ------------------------------------------------------------------------------------
 
 

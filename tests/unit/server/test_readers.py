@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from pdcd.errors import BusyError, RequestError
-from pdcd.server import readers as module
 from pdcd.server.readers import Readers
 from tests.processes import LONG_S
 
@@ -92,7 +91,6 @@ async def test_two_threads_for_each_user_and_eight_for_all(disk: Disk) -> None:
     assert disk.reads == 8 and not other.done()
     disk.free.set()
     assert await asyncio.gather(*asked, other) == ["read"] * 9
-    assert (module.EACH, module.ALL_READERS, module.LIMIT_S) == (2, 8, 10.0)
 
 
 async def test_who_finds_no_thread_or_no_room_in_time_is_told_so(disk: Disk) -> None:
