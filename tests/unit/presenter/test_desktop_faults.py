@@ -17,8 +17,6 @@ from pdcd.presenter.desktop import (
     list_desktop_faults,
 )
 
-CHECK = "_NET_SUPPORTING_WM_CHECK"
-
 
 class Window:
     """A window with properties."""
@@ -84,47 +82,6 @@ class Server:
 @pytest.fixture
 def server() -> Server:
     return Server()
-
-
-def test_owners_are_those_of_the_screen_that_is_used(server: Server) -> None:
-    server.owners = {
-        "_NET_WM_CM_S0": Window(8, WM_NAME=b"picom"), "WM_S0": Window(9, WM_NAME="twm"),
-    }  # fmt: skip
-    assert inspect_desktop(server) == Desktop("picom", "twm")
-    server.number = 1
-    assert inspect_desktop(server) == Desktop()
-    server.number, server.owners = 0, {"_NET_WM_CM_S0": X.NONE, "WM_S0": X.NONE}
-    assert inspect_desktop(server) == Desktop()
-
-
-@pytest.mark.parametrize(
-    ("properties", "name"),
-    [({"_NET_WM_NAME": b"", "WM_NAME": "other"}, "other"), ({"WM_NAME": b"\xff"}, "\ufffd"),
-     ({}, "unnamed")],
-)  # fmt: skip
-def test_a_manager_is_called_by_the_best_of_its_names(
-    server: Server, properties: dict[str, Any], name: str
-) -> None:
-    server.owners = {"WM_S0": Window(9, **properties)}
-    assert inspect_desktop(server).window_manager == name
-
-
-@pytest.mark.parametrize(
-    ("on_root", "on_window", "manager"),
-    [
-        ([9], [9], "lives"),
-        ([9], [8], None),
-        ([9], None, None),
-        ([9, 8], [9], None),
-        ([], [9], None),
-    ],
-)
-def test_a_manager_that_announces_itself_counts_where_its_window_says_the_same(
-    server: Server, on_root: Any, on_window: Any, manager: str | None
-) -> None:
-    server.root.properties = {CHECK: on_root}
-    server.windows = {9: Window(9, WM_NAME="lives", **{CHECK: on_window}), 8: Window(8)}
-    assert inspect_desktop(server).window_manager == manager
 
 
 @pytest.mark.parametrize(

@@ -176,42 +176,6 @@ def test_a_source_that_queues_shows_what_comes_next_and_is_not_looked_at(parts: 
     parts.open(time_source="present-complete")
 
 
-def test_sources_of_time_are_made_with_what_they_need(
-    parts: Parts, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made: list[Any] = []
-
-    def noting(words: tuple[Any, ...]) -> Any:
-        made.append(words)
-        return SimpleNamespace(name=words[0], queues=False)
-
-    for name in ("Completions", "Vblanks", "SwapReturns", "FreeRunningSource", "ProcessorClock"):
-        monkeypatch.setattr(
-            process,
-            name,
-            lambda *words, name=name: noting((name, *words)),
-        )
-    for name in (*process.SOURCES, "free"):
-        parts.open((100.0, 100.0), time_source=name)
-    shown = [tuple("call" if callable(word) else word for word in words) for words in made]
-    period_ns = 1e7
-    assert shown == [
-        ("Completions", "events", "call"),
-        ("Vblanks", "events", "call", "call", period_ns),
-        ("SwapReturns", "call", "call", period_ns), ("ProcessorClock", "call", "call", period_ns),
-        ("FreeRunningSource", "call", "call"),
-    ]  # fmt: skip
-    del parts.done[:]
-    for _, *words in made:
-        for word in words:
-            if callable(word):
-                word()
-    assert parts.done == [
-        "swap",
-        *["swap", "finish"] * 4,
-    ]  # each swaps by the one and finishes by the other
-
-
 def test_a_library_that_cannot_open_the_display_is_a_lost_device(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

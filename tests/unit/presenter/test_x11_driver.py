@@ -247,50 +247,6 @@ def test_pictures_of_several_planes_are_not_looked_at(tmp_path: Path) -> None:
         display(tmp_path, shown={"planes_per_refresh": 24}, grab_px=[[0, 0], [300, 0]])
 
 
-def test_pictures_of_the_screen_are_kept_with_the_black_between_two_passes(
-    process: type[Process], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    kept: list[Any] = []
-
-    class Recorder:
-        def __init__(self, *sizes_px: tuple[int, int]) -> None:
-            kept.append(sizes_px)
-
-        def add(self, projector: Any, mask: Any) -> None:
-            kept.append((projector, mask))
-
-        def black(self) -> None:
-            kept.append("black")
-
-        def shown(self) -> str:
-            return "all of them"
-
-    monkeypatch.setattr(x11, "Recorder", Recorder)
-    panels = display(
-        tmp_path, rig={"on_miss": "balance"}, time_source="present-msc",
-        grab_px=[[0, 0], [300, 0]],
-    )  # fmt: skip
-    shown = frames()
-    panels.load(shown)
-    code = int(np.flatnonzero(shown.dual_index >= 0)[0])
-    process.late = {code + 1: 2}
-    real = Process.play
-
-    def grabbed(self: Any, *a: Any, **k: Any) -> Any:
-        self.pictures = [["p0", "p1"], ["m0", "m1"]]
-        assert panels._shared.pixels is None  # those of the last exposure are gone
-        found = real(self, *a, **k)
-        process.late = {}
-        return found
-
-    monkeypatch.setattr(Process, "play", grabbed)
-    panels._shared.pixels = "older"  # type: ignore[assignment]
-    play(panels)
-    pair = [("p0", "m0"), ("p1", "m1")]
-    assert kept == [((256, 192), (256, 192)), *pair, "black", *pair]
-    assert panels._shared.pixels == "all of them"  # type: ignore[comparison-overlap]
-
-
 def test_panels_say_what_they_are_and_how_far_the_mask_is_behind(
     process: type[Process], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

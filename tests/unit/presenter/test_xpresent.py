@@ -197,18 +197,3 @@ def test_a_server_that_goes_wakes_who_waits(server: Server) -> None:
         made.wait(KIND_MSC, 0.25)
     server.comes = lambda: False
     assert not made.wait(KIND_MSC, 0.25)  # nothing woke it: nobody asks whether it is there
-
-
-def test_a_server_is_told_the_version_before_it_is_asked_for_events(server: Server) -> None:
-    made = PresentEvents(":7", 42)
-    assert server.names() == [
-        "xcb_connect", "xcb_present_query_version", "xcb_present_query_version_reply",
-        "xcb_generate_id", "xcb_register_for_special_xge", "xcb_present_select_input", "xcb_flush",
-        "xcb_get_file_descriptor", "poll",
-    ]  # fmt: skip
-    _, version, reply, _, register, select_input, *_ = server.said
-    assert version[1:] == (CONNECTION, 1, 2) and reply[1:] == (CONNECTION, 77, None)
-    assert server.freed == [REPLY]
-    assert (register[1], *register[3:]) == (CONNECTION, 555, None)
-    assert select_input[1:] == (CONNECTION, 555, 42, 2)
-    assert (made.ns, made.msc, made.flipped) == (0, 0, 0)
