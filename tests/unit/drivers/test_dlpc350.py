@@ -11,7 +11,6 @@ import pytest
 
 from drivers import dlpc_video
 from drivers.dlpc900.link import list_devices
-from drivers.dlpc900.video import divide_picture
 from drivers.dlpc_video import examine_dlpc_video
 from drivers.virtual_dlpc900 import VirtualDmdFault
 from pdcd.errors import ConfigError, DeviceLost, PdcdError, SyncError
@@ -36,7 +35,7 @@ __all__ = ["presenter"]
 pytestmark = pytest.mark.usefixtures("presenter")
 
 LIT = np.full(SIZES["dlpc350"][::-1], 0xFFFFFF, np.uint32)
-POWER, SIGNAL, MAIN, VALIDATE, MODE = 0x0200, 0x071C, 0x1A0C, 0x1A1A, 0x1A1B
+POWER, VALIDATE, MODE = 0x0200, 0x1A1A, 0x1A1B
 SOURCE, TRIGGER, RUN, TIMES, TABLE = 0x1A22, 0x1A23, 0x1A24, 0x1A29, 0x1A31
 OFFSET, MAILBOX, ENTRY = 0x1A32, 0x1A33, 0x1A34
 MIXED: tuple[Kind, Kind] = ("dlpc900", "dlpc350")
@@ -116,42 +115,6 @@ def test_the_last_plane_is_dark_until_the_next_picture(tmp_path: Path) -> None:
     assert not log.dark_s[:23].any()
 
 
-_CALLS = {
-    POWER: (1, 2), MODE: (1, 2), RUN: (1, 2, 3, 4, 5), SOURCE: (1,), TRIGGER: (1,), TIMES: (1,),
-    TABLE: (1,), MAILBOX: (1, 2), OFFSET: (1, 24), ENTRY: (1, 24), VALIDATE: (1, 2), MAIN: (1, 3),
-    SIGNAL: (1, 2),
-}  # fmt: skip
-FAULTS = [
-    VirtualDmdFault(kind, command, first=first)
-    for command, calls in _CALLS.items()
-    for first in calls
-    for kind in ("error", "deaf", "mute", "reset")
-]
-
-
-FORGIVEN = [VirtualDmdFault("error", RUN, first) for first in (1, 2)]
-"""In video mode there may be nothing to stop."""
-
-
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda f: f"{f.kind}-{f.command:x}-{f.first}")
-def test_whatever_fails_while_it_is_set_up_no_picture_lights_it(
-    tmp_path: Path, fault: VirtualDmdFault
-) -> None:
-    """Either it was mended, and follows its signal; or it is parked."""
-    bench = make_bench(tmp_path, fault)
-    try:
-        bench.display.connect()
-    except PdcdError as err:
-        assert err.device == "mask" and Presenter.said[-1] == "black"
-        assert isinstance(err, DeviceLost)
-        if fault.kind == "reset":  # switched off: nobody can tell it anything
-            return
-        assert bench.stays_dark(bench.dmds[1])
-    else:
-        assert fault in FORGIVEN
-        assert bench.stays_dark(bench.dmds[1]) is False
-
-
 @pytest.mark.parametrize(
     ("options", "kind", "told"),
     [
@@ -205,25 +168,6 @@ def test_one_that_never_answers_a_stop_is_parked_all_the_same(tmp_path: Path) ->
     assert caught.value.device == "mask" and all(map(bench.stays_dark, bench.dmds))
 
 
-@pytest.mark.parametrize("after_stop", ["black", "holds"])
-def test_a_signal_lost_while_a_picture_stood_is_an_error_and_then_black(
-    tmp_path: Path, after_stop: str
-) -> None:
-    bench = make_bench(tmp_path, after_stop=after_stop)
-    bench.display.load(random_frames((6, 8), "whole", 24))
-    mask, now_ns = bench.dmds[1], bench.clock.now_ns()
-    mask.drive_video(LIT, now_ns)
-    bench.clock.sleep_until_ns(now_ns + 5_000_000)
-    mask.disconnect_video(bench.clock.now_ns())
-    with pytest.raises(SyncError, match="has no video signal") as caught:
-        bench.display.play(lambda *_: None, lambda: False)
-    assert caught.value.device == "mask" and bench.sent[1][-1] == (POWER, b"\1")
-    mask.connect_video(60.0)
-    assert bench.stays_dark(mask)
-    play(bench.display, 24)
-    assert not bench.stays_dark(mask)  # the next job has it again
-
-
 def test_pictures_that_come_too_early_are_told(tmp_path: Path) -> None:
     """A device that gives up is not left as it is."""
     bench = make_bench(tmp_path)
@@ -236,15 +180,6 @@ def test_pictures_that_come_too_early_are_told(tmp_path: Path) -> None:
     with pytest.raises(SyncError, match="gave up its sequence"):
         bench.display.play(lambda *_: None, lambda: False)
     assert bench.stays_dark(mask)
-
-
-@pytest.mark.parametrize("rest", ["black", "standby"])
-def test_it_is_left_parked(tmp_path: Path, rest: str) -> None:
-    bench = make_bench(tmp_path, dlpc={"rest": rest})
-    bench.display.connect()
-    bench.display.disconnect()
-    assert all(map(bench.stays_dark, bench.dmds)) and Presenter.said[-1] == "close"
-    assert [sent[-1] for sent in bench.sent] == [(POWER, b"\1")] * 2
 
 
 def test_what_it_does_not_have_is_refused_and_it_is_dark(tmp_path: Path) -> None:
@@ -260,15 +195,6 @@ def test_what_it_does_not_have_is_refused_and_it_is_dark(tmp_path: Path) -> None
     with pytest.raises(ConfigError, match="230 us or not at all"):
         bench.display.connect()
     assert all(map(bench.stays_dark, bench.dmds))
-
-
-def test_planes_that_are_too_short_are_refused() -> None:
-    limits = {"black_us": 230, "least_dark_us": 230}
-    assert divide_picture(120.0, 0, 235, **limits).exposure_us == 336
-    assert divide_picture(60.0, 448, 235, **limits).exposure_us == 235
-    for refresh_hz, dark_us in ((120.0, 230), (60.0, 449)):
-        with pytest.raises(ConfigError, match="too short"):
-            divide_picture(refresh_hz, dark_us, 235, **limits)
 
 
 def test_the_display_of_loaded_patterns_leaves_it_alone(tmp_path: Path) -> None:

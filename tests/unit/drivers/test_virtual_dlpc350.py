@@ -62,25 +62,6 @@ class Rig:
         self.client.write(RUN, b"\2")
 
 
-def test_what_is_not_allowed_is_refused_and_changes_nothing() -> None:
-    rig = Rig()
-    bad = [
-        (POWER, "02"), (MODE, "02"), (MODE, "0100"), (SOURCE, "01"), (TRIGGER, "05"), (RUN, "03"),
-        (TABLE, "80010000"), (TABLE, "00020000"), (TABLE, "000000"), (TIMES, "00000000"),
-        (MAILBOX, "04"), (OFFSET, "00"), (DATA, "011100"), (RUN, "02"), (0x1A2A, "00"),
-        (SIGNAL, "00"), (0x0100, ""),
-    ]  # fmt: skip
-    for command, data in bad:
-        assert rig.client.refuses(command, bytes.fromhex(data)) == -1
-    rig.client.write(MAILBOX, b"\2")
-    assert rig.client.refuses(OFFSET, b"\x80") == -1
-    rig.client.write(OFFSET, b"\x7f")
-    for short in (bytes(2), bytes(6)):  # no whole entry; one beyond the last
-        assert rig.client.refuses(DATA, short) == -1
-    assert rig.client.refuses(VALIDATE, b"\0") == -1  # the mailbox is open
-    assert rig.client.read(MODE) + rig.client.read(RUN) + rig.client.read(POWER) == bytes(3)
-
-
 @pytest.mark.parametrize(
     ("entries", "times", "found"),
     [
@@ -117,17 +98,6 @@ def test_nothing_starts_that_was_not_validated_to_its_end() -> None:
     assert rig.client.read(MAIN)[0] & 2
     for command, data in ((TIMES, bytes(8)), (TABLE, bytes(4)), (MODE, b"\0"), (MAILBOX, b"\2")):
         assert rig.client.refuses(command, data) == -1  # while it runs
-
-
-@pytest.mark.parametrize(("starts", "runs"), [(1, True), (2, False)])
-def test_the_first_start_after_video_mode_may_do_nothing(starts: Any, runs: bool) -> None:
-    rig = Rig(starts=starts)
-    rig.enter()
-    rig.fill("011102")
-    rig.client.write(RUN, b"\2")
-    assert bool(rig.client.read(MAIN)[0] & 2) is runs
-    rig.client.write(RUN, b"\2")
-    assert rig.client.read(MAIN)[0] & 2
 
 
 @pytest.mark.parametrize(("black", "until_us"), [("02", 1200), ("00", None)])
@@ -187,16 +157,6 @@ def test_what_stands_after_a_stop_and_in_standby(after_stop: Any) -> None:
     rig.client.write(RUN, b"\0")
     rig.sleep(0.01)
     assert is_dark(rig.device) is (after_stop == "black")
-
-
-def test_where_the_lock_of_a_signal_is_told() -> None:
-    signal, main = Rig(), Rig(lock_told="main")
-    assert signal.client.read(SIGNAL) == b"\2" + bytes(27) and signal.client.read(MAIN) == b"\x08"
-    assert main.client.read(MAIN) == b"\x08" and main.client.refuses(SIGNAL, b"") == -1
-    for rig in (signal, main):
-        rig.device.disconnect_video(0)
-    assert signal.client.read(SIGNAL)[0] == 0 and signal.client.read(MAIN) == b"\x08"
-    assert main.client.read(MAIN) == b"\0"
 
 
 PYCRAFTER = """

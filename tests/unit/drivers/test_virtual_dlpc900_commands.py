@@ -235,28 +235,6 @@ def test_it_begins_with_its_own_pattern_and_no_mode_is_changed_before_a_stop() -
     assert dark.device.find_content() is None and dark.client.read(0x1A0C) == b"\0"
 
 
-def test_video_pattern_mode_comes_after_video_with_a_locked_source_and_after_300_ms() -> None:
-    client = VirtualDmdRig().client
-    client.write(MODE, b"\0")
-    assert client.refuses(MODE, b"\2") == 5, "no source"
-    rig = VirtualDmdRig(VirtualDmdOptions(source_locked=True))
-    client = rig.client
-    assert client.read(0x1A0C) == b"\x18"
-    assert client.refuses(MODE, b"\2") == 5, "from video mode only"
-    client.write(MODE, b"\0")
-    client.write(MODE, b"\2")
-    begun_ns = rig.clock.now_ns()
-    assert client.read(MODE) == b"\0" and client.refuses(DEFINE, entry()) == 5
-    rig.clock.sleep_until_ns(begun_ns + 290_000_000)
-    assert client.read(MODE) == b"\0"
-    rig.clock.sleep_until_ns(begun_ns + 300_000_000)
-    assert client.read(MODE) == b"\2" and client.refuses(DEFINE, entry(bit=23)) == 0
-    assert client.refuses(BEGIN, struct.pack("<HI", 0, 1000)) == 5
-    client.configure([entry()], most=0)
-    client.run(START)
-    assert client.read(0x1A0C) == b"\x1a" and rig.device.find_content() is None
-
-
 def test_parked_mirrors_do_nothing() -> None:
     client = VirtualDmdRig().client
     client.configure([entry()], most=0)

@@ -95,27 +95,6 @@ def test_the_kernel_holds_them_until_it_is_asked_to_let_go() -> None:
     client.run(STOP)
 
 
-def test_a_claim_is_for_one() -> None:
-    bus = Bus(2)
-    client = bus.client()
-    client.run(STOP)
-    other = bus.client()
-    with fails(errno.EBUSY):
-        other.run(STOP)
-    bus.client("A2").run(STOP)
-    usb.util.dispose_resources(client.device)
-    other.run(STOP)
-    bus.usb.held_by_other.add("A2")
-    with fails(errno.EBUSY):
-        bus.client("A2").run(STOP)
-
-
-def claimed(bus: Bus) -> Any:
-    usb_handle = bus.usb.open_device(next(bus.usb.enumerate_devices()))
-    bus.usb._claimed[usb_handle.address] = usb_handle
-    return usb_handle
-
-
 def upload(client: DmdClient) -> None:
     client.upload(PLANES, ENTRIES, PLANES_BY_TI)
     client.run(START)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.virtual_camera import BULB_BODY, CameraBody, FaultScript, PlainFilm, ScriptedFault
-from drivers.virtual_camera.ptpip import _LONGEST_BYTES, PORT, Packet, PtpIpServer
+from drivers.virtual_camera.ptpip import _LONGEST_BYTES, PtpIpServer
 from pdcd.bench.clock import VirtualClock
 
 HELLO = struct.pack("<II", 30, 1) + bytes(16) + b"x\0\0\0"[:2] + struct.pack("<I", 0x10000)
@@ -19,11 +19,6 @@ HELLO = struct.pack("<II", 30, 1) + bytes(16) + b"x\0\0\0"[:2] + struct.pack("<I
 KEEP_ON = 0x911D
 PHOTO = (bytes(range(251)) * 10_000)[:2_500_000]
 GUID = b"pdcd" + bytes(10) + b"\x45\0"  # that of a 450D that is not there
-
-NAMES = (
-    "INIT_COMMAND INIT_COMMAND_ACK INIT_EVENT INIT_EVENT_ACK INIT_FAIL OPERATION RESPONSE EVENT "
-    "START_DATA DATA CANCEL END_DATA PING PONG"
-)
 
 
 class Line:
@@ -189,14 +184,6 @@ def test_faults_that_tcp_can_carry(server: PtpIpServer, line: Line, body: Camera
     refused.socket.sendall(HELLO)
     assert refused.receive()[0] == 2
     refused.socket.close()
-
-
-def test_packets_have_the_numbers_of_the_standard() -> None:
-    """CIPA DC-005."""
-    assert PORT == 15740
-    assert {kind.name: kind.value for kind in Packet} == {
-        name: number for number, name in enumerate(NAMES.split(), 1)
-    }
 
 
 def test_a_client_is_greeted_with_number_name_and_version(line: Line, body: CameraBody) -> None:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import array
 import errno
-import hashlib
 import struct
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -110,40 +108,6 @@ def test_a_claim_is_for_one_and_ends_with_its_release() -> None:
         bus.usb.claim_interface(bus.handle, 0)
 
 
-@pytest.mark.parametrize("gone", ["unplugged", "reset", "replugged"])
-def test_a_device_that_went_does_nothing_any_more(gone: str) -> None:
-    bus = Bus()
-    if gone == "unplugged":
-        bus.body.unplug()
-        assert list(bus.usb.enumerate_devices()) == []
-        with fails(errno.ENODEV):
-            bus.usb.open_device(SimpleNamespace(address=7))
-    elif gone == "reset":
-        bus.usb.reset_device(bus.handle)
-    else:
-        bus.body.replug()
-    handle, usb_ = bus.handle, bus.usb
-    for do in (
-        lambda: usb_.get_configuration(handle),
-        lambda: usb_.set_configuration(handle, 1),
-        lambda: usb_.set_interface_altsetting(handle, 0, 0),
-        lambda: usb_.claim_interface(handle, 0),
-        lambda: usb_.release_interface(handle, 0),
-        lambda: usb_.clear_halt(handle, IN),
-        lambda: usb_.reset_device(handle),
-        bus.read,
-        lambda: bus.write(b""),
-        lambda: bus.control(0xA1, 0x67, 64),
-    ):
-        with fails(errno.ENODEV):
-            do()
-    assert bus.body.plugged == (gone != "unplugged")
-    if gone == "unplugged":
-        return
-    assert usb_.address == 8
-    usb_.claim_interface(bus.open(), 0)  # what the old one had went with it
-
-
 def test_a_reset_of_the_port_takes_session_answers_and_halts() -> None:
     bus = Bus(ScriptedFault("stall", KEEP_ON))
     for number, word in enumerate(((0x1002, 1), (KEEP_ON,))):
@@ -234,29 +198,6 @@ def test_whole_packets_end_with_an_empty_one() -> None:
     wide = array.array("B", bytes(1024))  # a buffer that is not full has seen the end
     assert client.device.read(0x81, wide, 100) == 512
     assert client.device.read(0x81, wide, 100) in (0, 16)
-
-
-def test_24_mb_come_identical() -> None:
-    raw = np.random.default_rng(0).integers(0, 256, 24_300_000, dtype=np.uint8).tobytes()
-    client = Client(virtual_usb(film=PlainFilm(lambda _: raw)))
-    client.ready()
-    client.ok(0x9125)
-    client.ok(0x9126)
-    client.wait(1.0)
-    ((handle, size, _),) = client.files()
-    block = 1 << 20
-    buffer = array.array("B", bytes(block + 512))
-    view = memoryview(buffer)
-    whole = memoryview(bytearray(size))
-
-    for at in range(0, size, block):
-        due = min(block, size - at)
-        client.send(0x101B, handle, at, due)
-        assert client.device.read(0x81, buffer, 1000) == 12 + due
-        whole[at : at + due] = view[12 : 12 + due]
-        while client.device.read(0x81, buffer, 1000) == 0:
-            pass
-    assert hashlib.sha256(whole).digest() == hashlib.sha256(raw).digest()
 
 
 # On the mock bench
