@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,10 +15,11 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.genicam.aravis import RawBuffer
+from drivers.genicam.camera import GenicamCamera
 from drivers.genicam.doctor import examine_genicam
 from drivers.genicam.frames import FrameReceiver
 from drivers.genicam.pixels import BY_NAME
-from drivers.virtual_genicam.camera import CameraFaults, VirtualExposure
+from drivers.virtual_genicam.camera import CameraFaults, VirtualExposure, VirtualGenicamCamera
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
 from pdcd.driver import (
@@ -52,6 +54,25 @@ FORMATS = (
 )  # fmt: skip
 
 
+@contextlib.contextmanager
+def taking(
+    name: str = "Mono8",
+    size: tuple[int, int] = (64, 48),
+    longest_s: float = 60.0,
+    *,
+    ready: bool = True,
+    **options: object,
+) -> Iterator[tuple[VirtualGenicamCamera, GenicamCamera, Sheets, VirtualClock]]:
+    """A camera of this format, its client, what it sees, and their clock; `ready` after a photo."""
+    film, clock = Sheets(), VirtualClock()
+    with hosted(name, film=film, size=size, clock=clock, longest_s=longest_s) as virtual:
+        camera = client(clock, **options)
+        if ready:
+            shoot(camera)
+        yield virtual, camera, film, clock
+        camera.close("readout")
+
+
 def await_true(what: Callable[[], bool]) -> None:
     """Wait for another thread; a hang is seen by the test's own timeout."""
     while not what():
@@ -60,9 +81,7 @@ def await_true(what: Callable[[], bool]) -> None:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_sample_of_every_format_arrives(name: str) -> None:
-    film, clock = Sheets(), VirtualClock()
-    with hosted(name, film=film, clock=clock) as virtual:
-        camera = client(clock)
+    with taking(name, ready=False) as (virtual, camera, film, _):
         for iso in (100, 400):
             photo = shoot(camera, CameraSettings(iso, 5.6, exposure_s=0.02))
             known = BY_NAME[name]
@@ -81,15 +100,11 @@ def test_every_sample_of_every_format_arrives(name: str) -> None:
         assert {"Gain", "BlackLevel", "FrameID", "Timestamp"} <= set(record)
         # Black was looked for once at each gain, and nothing else was exposed.
         assert virtual.exposures == len(film.exposures) == 4
-        camera.close("readout")
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.001, 0.01, 0.05])
 def test_a_lost_packet_costs_one_exposure_and_no_wrong_frame_comes(lost: float) -> None:
-    film, clock = Sheets(), VirtualClock()
-    with hosted("BayerRG12p", film=film, clock=clock) as virtual:
-        camera = client(clock, wait_s=1.0)
-        shoot(camera)
+    with taking("BayerRG12p", wait_s=1.0) as (virtual, camera, film, _):
         virtual.faults.lost = lost
         right = failed = 0
         while right < (100 if not lost else 15):
@@ -101,14 +116,10 @@ def test_a_lost_packet_costs_one_exposure_and_no_wrong_frame_comes(lost: float) 
             assert np.array_equal(photo.samples, film.last)
             right += 1
         assert lost or not failed
-        camera.close("readout")
 
 
 def test_packets_that_are_lost_are_seen() -> None:
-    film, clock = Sheets(), VirtualClock()
-    with hosted("Mono16", film=film, size=(320, 240), clock=clock) as virtual:
-        camera = client(clock)
-        shoot(camera)
+    with taking("Mono16", size=(320, 240)) as (virtual, camera, film, _):
         virtual.faults.lost = 0.5
         with pytest.raises(PhotoError):
             for _ in range(3):  # of 111 packets each
@@ -117,14 +128,10 @@ def test_packets_that_are_lost_are_seen() -> None:
         await_true(lambda: not virtual.exposing)
         time.sleep(0.05)
         assert np.array_equal(shoot(camera).samples, film.last)
-        camera.close("readout")
 
 
 def test_a_camera_that_dies_in_an_exposure_is_lost_and_found_again() -> None:
-    film, clock = Sheets(), VirtualClock()
-    with hosted("Mono12p", film=film, clock=clock) as virtual:
-        camera = client(clock)
-        shoot(camera)
+    with taking("Mono12p") as (virtual, camera, film, _):
         camera.arm(SETTINGS)
         virtual.faults.killed_after_s = 0.01
         begun_ns, started_s = camera.begin(), time.monotonic()
@@ -134,15 +141,11 @@ def test_a_camera_that_dies_in_an_exposure_is_lost_and_found_again() -> None:
         assert time.monotonic() - started_s < 10.0
         virtual.start()  # the old connection would seem to work
         assert np.array_equal(shoot(camera).samples, film.last)
-        camera.close("readout")
 
 
 def test_a_camera_that_was_restarted_is_opened_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("drivers.genicam.camera._BACK_S", 0.0)
-    film, clock = Sheets(), VirtualClock()
-    with hosted("Mono12p", film=film, clock=clock) as virtual:
-        camera = client(clock)
-        shoot(camera)
+    with taking("Mono12p") as (virtual, camera, film, _):
         virtual.stop()
         virtual.start()
         assert np.array_equal(shoot(camera).samples, film.last)
@@ -167,7 +170,6 @@ def test_a_camera_that_was_restarted_is_opened_anew(monkeypatch: pytest.MonkeyPa
             shoot(camera)
         camera.close("readout")  # and whoever starts again knows of no other
         assert np.array_equal(shoot(camera).samples, film.last)
-        camera.close("readout")
 
 
 def test_nobody_listens() -> None:
@@ -176,10 +178,7 @@ def test_nobody_listens() -> None:
 
 
 def test_a_trigger_in_an_exposure_makes_no_second_frame() -> None:
-    film, clock = Sheets(), VirtualClock()
-    with hosted("Mono8", film=film, clock=clock) as virtual:
-        camera = client(clock)
-        shoot(camera)
+    with taking() as (virtual, camera, film, clock):
         camera.arm(SETTINGS)
         camera.begin()
         camera.device.trigger()
@@ -188,14 +187,10 @@ def test_a_trigger_in_an_exposure_makes_no_second_frame() -> None:
         camera.end()
         assert np.array_equal(camera.fetch(60.0).samples, film.last)
         assert np.array_equal(shoot(camera).samples, film.last)
-        camera.close("readout")
 
 
 def test_a_frame_of_an_earlier_exposure_is_never_taken_for_the_next() -> None:
-    film, clock = Sheets(), VirtualClock()
-    with hosted("Mono8", film=film, clock=clock) as virtual:
-        camera = client(clock)
-        shoot(camera)
+    with taking() as (virtual, camera, film, clock):
         camera.arm(SETTINGS)
         camera.begin()
         clock.sleep_until_ns(clock.now_ns() + 20_000_000)
@@ -203,7 +198,6 @@ def test_a_frame_of_an_earlier_exposure_is_never_taken_for_the_next() -> None:
         await_true(lambda: not virtual.exposing)
         time.sleep(0.1)
         assert np.array_equal(shoot(camera).samples, film.last)
-        camera.close("readout")
 
 
 @pytest.mark.parametrize(("last", "came", "right"), [
@@ -244,10 +238,7 @@ def test_a_camera_that_goes_on_by_itself_is_not_waited_for() -> None:
 
 
 def test_panels_that_outlast_the_exposure_make_it_a_lost_one() -> None:
-    film, clock = Sheets(), VirtualClock()
-    with hosted("Mono8", film=film, clock=clock):
-        camera = client(clock, margin_s=0.05, margin=0.0)
-        shoot(camera)
+    with taking(margin_s=0.05, margin=0.0) as (_, camera, film, clock):
         for late_s, fits in ((0.04, True), (0.06, False), (0.0, True)):
             camera.arm(SETTINGS)
             open_ns = camera.begin()
@@ -258,14 +249,11 @@ def test_panels_that_outlast_the_exposure_make_it_a_lost_one() -> None:
             else:
                 with pytest.raises(PhotoError, match="panels"):
                     camera.fetch(60.0)
-        camera.close("readout")
 
 
 def test_a_cancel_is_heard_while_a_frame_is_waited_for() -> None:
-    film, clock = Sheets(), VirtualClock()
-    with hosted("Mono8", film=film, clock=clock) as virtual:
+    with taking(ready=False) as (virtual, camera, film, clock):
         cancelled: list[bool] = []
-        camera = client(clock)
         camera._patience = Patience(clock, cancelled=lambda: bool(cancelled))
         shoot(camera)
         virtual.faults.silent = True
@@ -279,27 +267,20 @@ def test_a_cancel_is_heard_while_a_frame_is_waited_for() -> None:
         cancelled.clear()
         virtual.faults.silent = False
         assert np.array_equal(shoot(camera).samples, film.last)
-        camera.close("readout")
 
 
 def test_an_exposure_amid_light_is_as_long_as_planned() -> None:
-    film, clock = Sheets(), VirtualClock()
-    with hosted("Mono8", film=film, clock=clock):
-        camera = client(clock)
+    with taking(ready=False) as (_, camera, film, _):
         camera._moves = lambda: True
         for planned_s in (0.5, 0.25):
             photo = shoot(camera, CameraSettings(100, None, exposure_s=planned_s))
             # It is believed to begin a millisecond later than it may: `trigger` says so.
             assert film.exposures[-1].exposure_s == pytest.approx(planned_s + 0.001, abs=1e-6)
             assert np.array_equal(photo.samples, film.last)
-        camera.close("readout")
 
 
 def test_an_exposure_that_is_closed_early_is_given_up() -> None:
-    film, clock = Sheets(), VirtualClock()
-    with hosted("Mono8", film=film, clock=clock) as virtual:
-        camera = client(clock)
-        shoot(camera)
+    with taking() as (virtual, camera, film, clock):
         camera.arm(CameraSettings(100, None, exposure_s=30.0))
         open_ns = camera.begin()
         clock.sleep_until_ns(open_ns + 1_000_000_000)
@@ -308,14 +289,10 @@ def test_an_exposure_that_is_closed_early_is_given_up() -> None:
             camera.fetch(60.0)
         await_true(lambda: not virtual.exposing)
         assert np.array_equal(shoot(camera).samples, film.last)
-        camera.close("readout")
 
 
 def test_what_the_camera_does_not_offer_is_refused_before_there_is_light() -> None:
-    film, clock = Sheets(), VirtualClock()
-    with hosted("Mono8", film=film, clock=clock, longest_s=10.0):
-        camera = client(clock)
-        shoot(camera)
+    with taking(longest_s=10.0) as (_, camera, film, clock):
         taken = len(film.exposures)
         with pytest.raises(ConfigError, match="10 s"):
             camera.arm(CameraSettings(100, None, exposure_s=9.9))

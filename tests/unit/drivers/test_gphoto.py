@@ -108,21 +108,6 @@ def test_a_camera_that_refuses_to_close_is_not_opened_again(bench: Bench) -> Non
     assert bench.camera.written[-1] == ("bulb", 0)
 
 
-def test_a_camera_that_was_switched_off_and_on_is_found_by_the_next_exposure(bench: Bench) -> None:
-    bench.readout.connect()
-    bench.camera.broken = failure(gp.GP_ERROR_IO_WRITE)
-    for _ in range(2):
-        with pytest.raises(DeviceLost):
-            bench.readout.arm(SETTINGS)
-    with pytest.MonkeyPatch.context() as patch:
-        another = Camera(bench.clock)  # what was open stays broken
-        patch.setattr(gp, "Camera", lambda: another)
-        bench.readout.arm(SETTINGS)
-    assert another.settings["capturetarget"].value == "Internal RAM"
-    another.add("a.cr2", bench.raw)
-    bench.readout.fetch(bench.root, "shot", 5.0)
-
-
 @pytest.mark.parametrize("refuses", [False, True])
 def test_a_shutter_that_is_forgotten_ends_its_exposure(
     bench: Bench, caplog: pytest.LogCaptureFixture, refuses: bool
@@ -208,38 +193,6 @@ def test_a_second_photo_in_that_time_is_refused_and_a_third_not_waited_for(armed
     with pytest.raises(ExposureError, match="2 RAW files"):
         armed.readout.fetch(armed.root, "shot", 60.0)
     assert not (armed.root / "shot.cr2").exists()
-
-
-@pytest.mark.parametrize(
-    ("late_s", "waited_s"),
-    [
-        (0.0, 0.05),  # it waits already
-        (2.0, 2.0),
-        (24.0, 24.0),  # noise reduction takes the exposure once more
-    ],
-)
-def test_the_photo_of_an_exposure_that_was_given_up_is_not_taken_for_the_next(
-    bench: Bench, late_s: float, waited_s: float
-) -> None:
-    """A job is cancelled in its exposure of 10 s, and the next one begins at once."""
-    bench.readout.connect()
-    bench.shutter.connect()
-    bench.readout.arm(SETTINGS)
-    bench.shutter.open()
-    bench.clock.sleep_until_ns(bench.clock.now_ns() + 10_000 * MS - SURE_NS)
-    bench.shutter.close()
-    bench.camera.later(max(0.0, late_s - 0.18), "given-up.cr2", b"II*\0")
-    before_ns = bench.clock.now_ns()
-    bench.readout.arm(SETTINGS)
-    assert bench.clock.now_ns() - before_ns == pytest.approx((waited_s - 0.18) * 1e9, abs=3e8)
-    bench.shutter.open()
-    bench.shutter.close()
-    bench.camera.later(1.0, "next.cr2", bench.raw)
-    raw = bench.readout.fetch(bench.root, "shot", 60.0)
-    assert raw.path.read_bytes() == bench.raw
-    before_ns = bench.clock.now_ns()
-    bench.readout.arm(SETTINGS)  # nothing is owed any more
-    assert bench.clock.now_ns() - before_ns < 100 * MS
 
 
 def test_a_raw_file_that_is_no_tiff_is_not_looked_into(armed: Bench) -> None:

@@ -138,6 +138,9 @@ def test_a_camera_that_was_switched_off_owes_nothing(
     before_ns = bench.clock.now_ns()
     bench.readout.arm(SETTINGS)
     assert bench.clock.now_ns() - before_ns < 200 * MS
+    assert again.settings["capturetarget"].value == "Internal RAM"
+    again.add("a.cr2", bench.raw)
+    assert bench.readout.fetch(bench.root, "two", 5.0).path.read_bytes() == bench.raw
 
 
 def test_the_photo_of_a_cable_release_is_waited_for_and_then_forgotten(bench: Bench) -> None:

@@ -186,13 +186,6 @@ def test_one_device_serves_both_roles_until_the_last_lets_go(rig: PtpRig) -> Non
     assert not rig.body.session_open and not rig.body.shutter.is_open
 
 
-def test_an_exposure_that_was_given_up_leaves_no_photo_behind(rig: PtpRig, tmp_path: Path) -> None:
-    rig.expose(5.0)
-    raw = rig.photo(tmp_path, "photo", 1.0)
-    assert rig.is_photo_of(raw, list(rig.body.shutter.exposures)[-1])
-    assert rig.body.store.in_ram == 0
-
-
 def test_a_file_that_is_no_raw_file_is_refused(tmp_path: Path) -> None:
     rig = PtpRig(film=PlainFilm(lambda _: b"\xff\xd8\xff\xe1" + bytes(5000)))
     rig.connect()
