@@ -13,7 +13,6 @@ import pytest
 from Xlib import X
 
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.presenter import outputs as x_outputs
 from pdcd.presenter.outputs import Output, Watcher, find_output, find_pair, read_outputs
 from pdcd.presenter.xconnection import close_x_connection, open_x_connection
 from tests.edid_block import block
@@ -134,31 +133,6 @@ def test_rates_that_slip_too_fast_are_refused() -> None:
         pair = find_pair(outputs, projector=PROJECTOR, mask=MASK, rate_tolerance=0.01)
         assert pair.refresh_hz == pytest.approx(59.924, abs=0.005)
         assert pair.slip_s == pytest.approx(13.2, abs=0.5)
-
-
-def test_published_timings_have_their_published_rates() -> None:
-    """VESA DMT 1.13: 1024 x 768 and 1600 x 1200; CTA-861: 1920 x 1080 interlaced."""
-    projector_hz = x_outputs.mode_hz(65_000_000, 1344, 806)
-    mask_hz = x_outputs.mode_hz(162_000_000, 2160, 1250)
-    assert projector_hz == pytest.approx(60.0038, abs=5e-5)
-    assert mask_hz == 60.0
-    assert x_outputs.slip_s(projector_hz, mask_hz) == pytest.approx(260.0, abs=1.0)
-    x_outputs.check_rates(projector_hz, mask_hz)
-    assert x_outputs.mode_hz(74_250_000, 2200, 1125, 0x10) == pytest.approx(60.0)  # interlaced
-    assert x_outputs.mode_hz(25_175_000, 800, 525, 0x20) == pytest.approx(29.97, abs=0.01)
-
-
-def test_one_large_output_is_divided_by_the_configuration() -> None:
-    sizes = (("screen", QUARTER[0]), ("screen", QUARTER[1]))
-    with run(kinds=("xvfb",)) as server:
-        outputs = tuple(read(server).values())
-    pair = x_outputs.place_pair(
-        outputs, projector=sizes[0], mask=sizes[1], positions_px=((0, 0), (256, 0))
-    )
-    assert (pair.projector.size, pair.mask.x, pair.refresh_hz) == ((256, 192), 256, None)
-    for places, why in ((((0, 0), (255, 0)), "same part"), (((0, 0), (257, 0)), "do not lie")):
-        with pytest.raises(ConfigError, match=why):
-            x_outputs.place_pair(outputs, projector=sizes[0], mask=sizes[1], positions_px=places)
 
 
 def test_the_watcher_hears_of_a_change_and_of_nothing_else(

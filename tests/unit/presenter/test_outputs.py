@@ -59,22 +59,21 @@ def test_how_a_server_turns_an_output_is_said_in_words(rotation: int, words: str
 @pytest.mark.parametrize(
     ("totals", "rate_hz"),
     [
-        ((65_000_000, 1344, 806, 0), 65e6 / 1344 / 806),
+        ((65_000_000, 1344, 806), 60.0038),
+        ((162_000_000, 2160, 1250), 60.0),
         ((74_250_000, 2200, 1125, randr.Interlace), 60.0),
-        ((25_200_000, 800, 525, randr.DoubleScan), 30.0),
+        ((25_175_000, 800, 525, randr.DoubleScan), 29.9702),
         ((25_200_000, 800, 525, randr.DoubleScan | randr.Interlace), 60.0),
-        ((0, 800, 525, 0), None),
-        ((25_200_000, 0, 525, 0), None),
-        ((25_200_000, 800, 0, 0), None),
+        ((0, 800, 525), None),
+        ((25_200_000, 0, 525), None),
+        ((25_200_000, 800, 0), None),
     ],
 )
-def test_a_rate_is_that_of_clock_and_totals(
-    totals: tuple[int, int, int, int], rate_hz: float | None
+def test_published_timings_have_their_published_rates(
+    totals: tuple[int, ...], rate_hz: float | None
 ) -> None:
-    found = mode_hz(*totals)
-    assert found == (None if rate_hz is None else pytest.approx(rate_hz, rel=1e-12))
-    if not totals[3]:
-        assert mode_hz(*totals[:3]) == found
+    """VESA DMT 1.13: 1024 x 768, 1600 x 1200 and 640 x 480; CTA-861: 1920 x 1080 interlaced."""
+    assert mode_hz(*totals) == (None if rate_hz is None else pytest.approx(rate_hz, abs=5e-5))
 
 
 # What is said of them.
@@ -150,12 +149,6 @@ def test_an_output_that_shows_nothing_is_refused_and_one_without_a_cable_lost() 
 WANTED: dict[str, Any] = {"projector": ("HDMI-1", (256, 192)), "mask": ("DP-1", (400, 300))}
 
 
-def test_two_outputs_are_a_pair_in_the_order_of_their_roles() -> None:
-    assert find_pair(EVERY, **WANTED) == OutputPair(LEFT, RIGHT)
-    swapped: dict[str, Any] = {"projector": WANTED["mask"], "mask": WANTED["projector"]}
-    assert find_pair(EVERY, **swapped) == OutputPair(RIGHT, LEFT)
-
-
 @pytest.mark.parametrize("role", ["projector", "mask"])
 def test_a_pair_has_the_sizes_that_were_asked_for(role: str) -> None:
     name, (width, height) = WANTED[role]
@@ -167,14 +160,6 @@ def test_a_pair_has_the_sizes_that_were_asked_for(role: str) -> None:
             f"{name} shows {width} x {height} pixels, not {size[0]} x {size[1]}"
         )
         assert f"xrandr --output {name} --mode {size[0]}x{size[1]}" in str(told.value.hint)
-
-
-def test_a_pair_that_lies_over_one_another_is_refused() -> None:
-    over = replace(RIGHT, x=255)
-    with pytest.raises(ConfigError, match=r"same part of the screen: HDMI-1.*; DP-1") as told:
-        find_pair((LEFT, over), **WANTED)
-    assert told.value.hint == "xrandr --output DP-1 --right-of HDMI-1"
-    assert told.value.device == "display"
 
 
 @pytest.mark.parametrize(
