@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 
 import pytest
 
@@ -20,8 +19,6 @@ from tests.dmd_client import (
     RUN,
     START,
     STOP,
-    CommandError,
-    DmdClient,
     entry_bytes,
 )
 from tests.virtual_dmd_rig import BLACK_IMAGE, VirtualDmdRig, entry, report
@@ -59,43 +56,7 @@ def test_a_command_of_several_reports() -> None:
     assert rig.device.read_report() == report(0x40, 77, 0, 0)
 
 
-def test_a_command_longer_than_the_buffer() -> None:
-    rig = VirtualDmdRig()
-    assert rig.client.refuses(BEGIN, struct.pack("<HI", 0, 1000)) == 0
-    assert rig.client.refuses(DATA, struct.pack("<H", 504) + bytes(504)) == 0
-    assert rig.client.refuses(DATA, struct.pack("<H", 505) + bytes(505)) == 6
-    assert rig.client.read(MODE) == b"\3", "the next command is understood"
-
-
 # Refusals
-
-
-def unknown(code: int, read: bool) -> Callable[[DmdClient], object]:
-    return lambda client: client.read(code) if read else client.write(code, b"\0")
-
-
-@pytest.mark.parametrize(
-    "ask",
-    [
-        unknown(0x1A99, True),
-        unknown(0x1A99, False),
-        unknown(0x0100, False),  # some programs send this
-        unknown(0x1A0C, False),
-        unknown(RUN, True),
-        unknown(DEFINE, True),
-        lambda client: ask_for_another_part(client),
-    ],
-)
-def test_commands_that_there_are_not(ask: Callable[[DmdClient], object]) -> None:
-    client = VirtualDmdRig().client
-    with pytest.raises(CommandError, match="3"):
-        ask(client)
-
-
-def ask_for_another_part(client: DmdClient) -> None:
-    client.send(MODE, flags=0xC1)
-    if client.fetch()[0] & 0x20:
-        raise CommandError(client.error())
 
 
 @pytest.mark.parametrize(
@@ -215,13 +176,6 @@ def test_what_each_mode_allows(mode: int, allowed: set[int]) -> None:
         assert client.refuses(code, data) == (0 if code in allowed else 5), hex(code)
     client.run(STOP)
     client.run(STOP)
-
-
-def test_flash_has_one_plane() -> None:
-    client = VirtualDmdRig().client
-    client.write(MODE, b"\1")
-    assert client.refuses(DEFINE, entry(bit=1)) == 11
-    assert client.refuses(DEFINE, entry(image=1)) == 11
 
 
 def test_it_begins_with_its_own_pattern_and_no_mode_is_changed_before_a_stop() -> None:

@@ -20,7 +20,6 @@ from tests.dmd_client import (
     DEFINE,
     MODE,
     RUN,
-    START,
     STOP,
     encode_erle,
     make_image,
@@ -94,18 +93,6 @@ def test_a_program_that_asks_for_every_reply_and_looks_for_errors_after_each() -
     assert rig.planes(50) == PLANES.astype(int).tolist()
 
 
-def test_an_empty_piece_may_follow_an_image() -> None:
-    client = VirtualDmdRig().client
-    client.configure([entry()])
-    assert client.load(0, BLACK_IMAGE) == 0
-    assert client.refuses(DATA, struct.pack("<H", 0)) == 0
-    assert client.refuses(DATA, struct.pack("<H", 1) + b"\0") == 17, "but none with anything in it"
-    assert client.refuses(DATA, b"\0") == 6
-    client.write(BEGIN, struct.pack("<HI", 0, len(BLACK_IMAGE)))
-    assert client.refuses(DATA, struct.pack("<H", 5) + bytes(4)) == 6
-    assert client.refuses(DATA, struct.pack("<H", 4) + bytes(5)) == 6
-
-
 @pytest.mark.parametrize(
     ("image", "refused"),
     [
@@ -153,29 +140,6 @@ def test_other_entries_need_their_images_again() -> None:
         image = make_image(pack_words(PLANES[:24], PLANES_BY_TI))
         assert rig.client.load(0, image) == 0
         assert rig.planes(1) == [PLANES[5].astype(int).tolist()]
-
-
-@pytest.mark.parametrize("keeps", [False, True])
-def test_images_before_their_entries_and_fewer_entries(keeps: bool) -> None:
-    rig = VirtualDmdRig(VirtualDmdOptions(keeps_images=keeps))
-    assert rig.client.load(0, make_image(pack_words(PLANES[:24], PLANES_BY_TI))) == 0
-    rig.client.configure(entries_of(3))
-    startup = (rig.device.memory.startup.words & 1).tolist()
-    wanted = PLANES[:3].astype(int).tolist() if keeps else [startup] * 3
-    assert rig.planes(3) == wanted
-    rig.client.run(STOP)
-    rig.client.upload(PLANES[:24], entries_of(3), PLANES_BY_TI)
-    rig.client.configure(entries_of(2))
-    assert rig.planes(2) == (PLANES[:2].astype(int).tolist() if keeps else [startup] * 2)
-
-
-def test_another_mode_and_back_is_forgotten() -> None:
-    rig = VirtualDmdRig()
-    rig.client.upload(PLANES[:3], entries_of(3), PLANES_BY_TI)
-    rig.client.write(MODE, b"\0")
-    rig.client.write(MODE, b"\3")
-    assert rig.client.refuses(RUN, bytes([START])) == 16
-    assert rig.client.refuses(CONFIGURE, struct.pack("<HI", 3, 3)) == 16
 
 
 def test_replies_to_data_spoil_the_images_of_some_units() -> None:

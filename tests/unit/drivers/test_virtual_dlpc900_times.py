@@ -21,7 +21,7 @@ from drivers.virtual_dlpc900 import (
     choose_dmd_model,
 )
 from pdcd.bench.clock import VirtualClock
-from tests.dmd_client import PAUSE, START, STOP, DmdClient, entry_bytes
+from tests.dmd_client import START, STOP, DmdClient, entry_bytes
 
 US = 1000
 PLANES = np.arange(24)[:, None, None] // 2 ** np.arange(5)[None, None, :] % 2 > 0
@@ -163,44 +163,6 @@ def test_each_round_waits_for_its_trigger() -> None:
     assert rig.client.read(0x1A0C) == b"\2", "and waits again"
 
 
-def test_a_trigger_for_every_pattern() -> None:
-    rig = Shower(entries_of((105, 0), (105, 0), (105, 0), wait=[0, 1, 2]))
-    rig.start()
-    begun_ns = rig.clock.now_ns()
-    for number in range(3):
-        rig.tick(begun_ns + number * 1000 * US)
-    assert rig.shown(begun_ns, begun_ns + 5000 * US) == [
-        (0, None), (105 * US, 1), (210 * US, None), (1105 * US, 2), (1210 * US, None),
-        (2105 * US, 3), (2210 * US, None),
-    ]  # fmt: skip
-    assert rig.client.read(0x1A0C) == b"\0"
-
-
-def test_a_pattern_that_is_not_cleared_stays_through_its_dark_time() -> None:
-    """Where it waits for a trigger; others are cleared by themselves."""
-    waits = [entry_bytes(0, 105, 300, 0, 1, wait=True, clear=False)]
-    rig = Shower(waits)
-    rig.start()
-    edge_ns = rig.clock.now_ns()
-    rig.tick(edge_ns)
-    assert rig.shown(edge_ns, edge_ns + 2000 * US) == [(0, None), (105 * US, 1), (510 * US, None)]
-    rig = Shower([entry_bytes(0, 105, 300, 0, 1, clear=False)])
-    at_ns = rig.start()
-    assert rig.shown(at_ns, at_ns + 2000 * US) == [(0, 1), (105 * US, None)]
-
-
-def test_a_waiting_pattern_that_was_moved_behind_another_waits_in_its_light() -> None:
-    """The black pattern stays with the one that came before it in the first order."""
-    rig = Shower(entries_of((105, 0), (105, 0), (105, 0), wait=[2]))
-    rig.client.write(0x1A32, struct.pack("<HI3H", 3, 3, 0, 2, 1))
-    at_ns = rig.start()
-    edge_ns = at_ns + 5000 * US
-    rig.tick(edge_ns)
-    assert rig.shown(at_ns, edge_ns + 2000 * US) == [
-        (0, 1), (5105 * US, 3), (5210 * US, 2), (5315 * US, None),
-    ]  # fmt: skip
-
-
 @pytest.mark.parametrize(("after", "rest"), [("black", []), ("holds", [(210 * US, 2)])])
 def test_what_stands_after_the_last_pattern_is_an_option(
     after: str, rest: list[tuple[int, int]]
@@ -230,22 +192,6 @@ def test_what_stands_after_a_stop_is_an_option(after: str) -> None:
     at_ns = rig.start()
     rig.wait(50_000)
     assert rig.shown(at_ns, rig.clock.now_ns()) == [(0, 1)], "anew from the first"
-
-
-def test_a_pause_holds_the_pattern_and_shows_it_again() -> None:
-    rig = Shower(entries_of((10_000, 0), (20_000, 5000), (10_000, 0)))
-    at_ns = rig.start()
-    rig.wait(14_000)
-    pause_ns = rig.clock.now_ns() + 10**6
-    rig.client.run(PAUSE)
-    rig.wait(100_000)
-    assert rig.client.read(0x1A0C) == b"\0"
-    again_ns = rig.start()
-    rig.wait(100_000)
-    shown = rig.shown(at_ns, rig.clock.now_ns())
-    assert pause_ns - at_ns < 30_000 * US
-    assert [number for _, number in shown] == [1, 2, None, 3]
-    assert shown[2][0] == again_ns - at_ns + 20_000 * US, "all of its time once more"
 
 
 def test_the_crystal_of_a_device() -> None:
@@ -304,16 +250,6 @@ def test_pulses_of_both_outputs() -> None:
         ]  # fmt: skip
         pulses = [(up - at_ns, down - up) for up, down in rig.device.list_pulses(2, at_ns, now_ns)]
         assert pulses == [((us - 7) * US, 20 * US) for us in pulsing]
-
-
-def test_the_first_output_stays_up_where_no_dark_is_between() -> None:
-    rig = Shower(entries_of((105, 0), (105, 0), (105, 20)), 6)
-    at_ns = rig.start()
-    rig.wait(5000)
-    frames = rig.device.list_pulses(1, at_ns, rig.clock.now_ns())
-    assert [(up - at_ns, down - at_ns) for up, down in frames] == [
-        (0, 315 * US), (335 * US, 650 * US),
-    ]  # fmt: skip
 
 
 def test_idle_mirrors_toggle_and_are_not_black() -> None:
