@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdcd.errors import BusyError, Cancelled, DeviceLost, RequestError
+from pdcd.errors import BusyError, RequestError
 from pdcd.protocol.events import PilotLearning, Progress, make_end_event
 from pdcd.protocol.messages import MAX_LINE, ShowParams
 from pdcd.protocol.request import CaptureRequest
@@ -20,7 +20,6 @@ from pdcd.server.jobs import (
     Job,
     JobTable,
     Owner,
-    make_failed_result,
 )
 from pdcd.server.protocol import encode_notification, encode_reply
 from pdcd.server.thinning import Coalescer
@@ -158,47 +157,12 @@ def done(job: Job) -> CaptureResult:
     return CaptureResult(job=job.name, state="done", folder=f"/x/{job.name}")
 
 
-def test_queued_jobs_run_in_order() -> None:
-    table = JobTable()
-    jobs = [admit(table) for _ in range(4)]
-    assert [job.state for job in jobs] == ["running", "queued", "queued", "queued"]
-    order = [jobs[0]]
-    while (following := finish(table, order[-1])) is not None:
-        assert following.state == "running"
-        order.append(following)
-    assert order == jobs
-    assert table.running is None
-    assert {job.state for job in jobs} == {"done"}
-
-
-def test_a_leaving_client_takes_its_jobs_but_not_the_detached_ones() -> None:
-    table = JobTable()
-    own = admit(table)
-    detached = admit(table, detach=True)
-    other = admit(table, BERT)
-    waiting = admit(table)
-    assert table.owned_by(ANNA.connection) == [own, waiting]
-    assert table.owned_by(BERT.connection) == [other]
-    finish(table, own)
-    assert table.running is detached
-    assert table.owned_by(ANNA.connection) == [waiting]
-
-
 def test_events_are_numbered_by_job_and_cannot_be_relabelled() -> None:
     table = JobTable()
     first, second = admit(table), admit(table)
     assert [first.numbered(PilotLearning(photos=8), 5).seq for _ in range(3)] == [0, 1, 2]
     event = second.numbered(PilotLearning(photos=8, job="other", seq=99, t_mono_ns=3), 7)
     assert event == PilotLearning(photos=8, job=second.name, seq=0, t_mono_ns=7)
-
-
-def test_an_engine_that_raises_gives_a_failed_result() -> None:
-    job = admit(JobTable())
-    error = make_failed_result(job, ValueError("oops")).error
-    assert error is not None and error["kind"] == "internal" and "oops" in str(error["message"])
-    assert make_failed_result(job, Cancelled("stop")).state == "cancelled"
-    lost = make_failed_result(job, DeviceLost("gone", device="camera")).error
-    assert lost is not None and (lost["kind"], lost["device"]) == ("device_lost", "camera")
 
 
 LONG = "x" * MAX_LINE

@@ -246,30 +246,6 @@ async def test_a_picture_that_fails_half_way_goes_black_and_tells_who_asked(desk
     assert job.state == "failed"
 
 
-class Place:
-    """Stands for a held folder."""
-
-    def __init__(self) -> None:
-        self.closed = 0
-
-    def close(self) -> None:
-        self.closed += 1
-
-
-@at_desk
-async def test_a_capture_gets_its_arrays_and_its_place_which_is_let_go_of_at_its_end(
-    desk: Desk,
-) -> None:
-    place, given = Place(), {"kernel": cast(Any, object())}
-    job = desk.runner.start(WHITE, given, ANNA, place=cast(Any, place))
-    assert not job.detach and job.kind == "capture"
-    await desk.runner.wait(job.name)
-    (asked,) = desk.engine.asked
-    assert asked["given"] is given and asked["parent"] is place and asked["report"] is True
-    assert {"emit", "cancelled"} < asked.keys()
-    assert place.closed == 1 and not job.given
-
-
 @at_desk
 async def test_a_cancel_is_answered_while_a_device_does_not_let_itself_be_made_safe(
     desk: Desk,
