@@ -166,6 +166,26 @@ def test_an_exposure_is_finished_once_it_is_closed_and_read_out_once(bench: Mock
         bench.photo()
 
 
+@pytest.mark.parametrize("by", ["frames", "played"])
+def test_what_was_shown_before_the_shutter_opened_does_not_count(by: str) -> None:
+    photos = []
+    for lit in (True, False):
+        bench = MockBench.of(context_of())
+        if lit:
+            frames, log = frames_and_log()
+            both = np.array([-2], np.int32)
+            white = replace(frames, primal_index=both, dual_index=both)
+            log = replace(log, end_ns=np.array([500 * MS, 500 * MS]))
+            if by == "frames":
+                bench.frames, bench.log = white, log
+            else:
+                bench.shared.played = white, log
+        bench.open_shutter(0)
+        bench.close_shutter(500 * MS)
+        photos.append(bench.photo())
+    np.testing.assert_array_equal(photos[0], photos[1])
+
+
 def test_ambient_light_comes_through_what_the_mask_leaks() -> None:
     """1 of ambient for 2 s through a black mask of contrast 4."""
     bench = MockBench.of(context_of(mask=PanelConfig(size_px=(80, 60), contrast=4.0)))

@@ -220,17 +220,20 @@ def test_unplugged_during_an_exposure_is_never_called_closed(line: FakeLine, shu
     assert box.open()
 
 
+@pytest.mark.parametrize("longest_s", [100.0, float("inf")])
 def test_an_exposure_of_any_length_is_guarded_by_a_time_that_can_be_waited_for(
-    line: FakeLine,
+    line: FakeLine, longest_s: float
 ) -> None:
+    """Half a minute longer than the longest exposure."""
     trigger = TriggerConfig(options={"port": "line://box"})
-    config = Config(trigger=trigger, limits=LimitsConfig(max_exposure_s=float("inf")))
+    config = Config(trigger=trigger, limits=LimitsConfig(max_exposure_s=longest_s))
     box = SerialShutter.create(DriverContext(config=config, clock=line.clock))
     box.connect()
     box.open()
     (alarm,) = (t for t in threading.enumerate() if isinstance(t, threading.Timer))
     alarm.join(0.05)
     assert alarm.is_alive()
+    assert longest_s > 100.0 or alarm.interval == 130.0
     box.disconnect()
 
 
