@@ -114,7 +114,7 @@ class Client(LineTalk):
         timeout_s: float | None = None,
         on_event: EventHandler | None = None,
     ) -> Any:
-        """Ask one thing and wait for the answer, up to `timeout_s` of silence.
+        """Send one request and wait for the answer, up to `timeout_s` of silence.
 
         Events that come meanwhile go to `on_event`, or are kept for `events`. Raises the PdcdError
         that the daemon answered with, or Unreachable.
@@ -192,7 +192,7 @@ class Client(LineTalk):
         return self._result("capture.cancel", job, None)
 
     def status(self) -> Status:
-        """State of the rig, the running job and those that wait."""
+        """State of the rig, the running job and the waiting jobs."""
         return convert_reply(self.call("rig.status"), Status)
 
     def describe(self) -> RigView:
@@ -217,8 +217,8 @@ class Client(LineTalk):
     def plan(
         self, request: CaptureRequest, *, arrays: _Arrays = _NONE, queue: bool = False
     ) -> PlanSummary:
-        """What a capture would do; `arrays` as in `capture`. With `queue` after whatever holds the
-        rig, however long."""
+        """What a capture would do; `arrays` as in `capture`. With `queue`, waits for
+        whatever holds the rig, however long."""
         params = {**msgspec.to_builtins(request), "queue": queue}
         request_id = self._send_with(arrays, "capture.plan", params)
         limit_s = None if queue else _ENGINE_TIMEOUT_S
@@ -234,7 +234,7 @@ class Client(LineTalk):
     def live(
         self, on_frame: Callable[[LiveFrame], bool], pattern: str, index: int, *, picture: bool
     ) -> CaptureResult:
-        """See through the camera's finder while the panels hold a pattern of `show`.
+        """Show what the camera's finder sees while the panels hold a pattern of `show`.
 
         `on_frame` takes each picture, the newest when it is asked, and returns whether that is
         enough; KeyboardInterrupt is, too. picture : whether JPEGs are wanted.
@@ -269,8 +269,8 @@ class Client(LineTalk):
         *,
         timeout_s: float | None = None,
     ) -> StreamedPicture:
-        """The newest picture of a stream after that number, awaited. picture : "none", "jpeg" or
-        "arrays". Raises the error that the stream ended by, Cancelled among them."""
+        """Wait for the newest picture of a stream after that number. picture : "none", "jpeg" or
+        "arrays". Raises the error that ended the stream, which may be Cancelled."""
         asked = {"job": job, "after": after, "picture": picture}
         request_id = self._send("stream.frame", asked)
         message = self._hear_answer(request_id, timeout_s, None)

@@ -29,7 +29,7 @@ NONE: Arrays = MappingProxyType({})
 
 
 class Bench(ABC):
-    """A bench that takes photos; a context manager that lets go of it.
+    """A bench that takes photos; a context manager that releases its devices at the end.
 
     For one thread. Whatever happens in a capture, panels are black and the shutter is closed when
     it returns or raises.
@@ -42,11 +42,11 @@ class Bench(ABC):
 
     @abstractmethod
     def described(self) -> dict[str, Any]:
-        """What it is, in plain values: two benches that are told alike are the same to a sweep."""
+        """A description in plain values; to a sweep, equal descriptions mean the same bench."""
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of the bench. Idempotent."""
+        """Release the bench and its devices. Idempotent."""
 
     @abstractmethod
     def foresee(self, request: CaptureRequest, arrays: Arrays = NONE) -> PlanSummary:
@@ -61,8 +61,8 @@ class Bench(ABC):
         on_event: EventListener | None = None,
         report: bool = False,
     ) -> CaptureResult:
-        """Take the photo of a request and tell how that ended; nothing is raised for what goes
-        wrong once the job has begun. `capture` is the same by keywords.
+        """Take the photo of a request and return how the job ended; no error is raised for what
+        fails once the job has begun. `capture` is the same by keywords.
 
         report : write its page (`pdcd.pages.report`) at once, if that costs little.
 
@@ -120,7 +120,7 @@ class Bench(ABC):
 
         Parameters
         ----------
-        goal, arguments : as of `capture`; `codes` are those of each photo, 32 where nobody says,
+        goal, arguments : as of `capture`; `codes` are those of each photo, 32 by default,
             and `parts` the photos of a set, 4 at least: each takes the next part of the set.
         over : how many of the newest photos make a picture.
         rate_hz : pictures a second at most; None: 30.
@@ -148,7 +148,7 @@ class Bench(ABC):
 
 
 def open_finished_run(result: CaptureResult) -> Run:
-    """The run of a job that is done. Raises the error that it ended by."""
+    """The run of a job that is done; for any other job, raises the error that ended it."""
     if result.state == "done" and result.folder is not None:
         return open_run(Path(result.folder))
     told = result.error or {"message": f"the job is {result.state}"}

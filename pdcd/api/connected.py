@@ -28,7 +28,7 @@ def connect(socket: Path | str | None = None, *, queue: bool = False) -> DaemonB
 
     Parameters
     ----------
-    socket : of the daemon; None: where the configuration says that it listens.
+    socket : path of the daemon's socket; None: the one that the configuration names.
     queue : wait while others use the bench, however long, instead of being refused.
 
     Raises `pdcd.errors.BusyError` where too many wait, and ConnectionError where no daemon answers.
@@ -39,11 +39,11 @@ def connect(socket: Path | str | None = None, *, queue: bool = False) -> DaemonB
 
 
 class DaemonBench(Bench):
-    """The bench of a daemon; leaving the context parts from it, and ends jobs that still run."""
+    """The bench of a daemon; leaving the context disconnects, and ends jobs that still run."""
 
     def __init__(self, client: Client, *, queue: bool = False) -> None:
         self.client = client
-        """The connection, for all that the socket can do beside photos: `events`, `status` ..."""
+        """The connection, for what the socket offers besides photos: `events`, `status` ..."""
         self._queue = queue
         self._grid: tuple[int, int] | None = None
 
@@ -66,11 +66,11 @@ class DaemonBench(Bench):
         return {**found, "config": config}
 
     def close(self) -> None:
-        """Part from the daemon. Idempotent."""
+        """Disconnect from the daemon. Idempotent."""
         self.client.close()
 
     def foresee(self, request: CaptureRequest, arrays: Arrays = NONE) -> PlanSummary:
-        """What a request would do. An interrupt ends the plan, so that it holds up nothing."""
+        """What a request would do. An interrupt ends the plan, so that others need not wait."""
         try:
             return self.client.plan(request, arrays=arrays, queue=self._queue)
         except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""A run's pictures made again from its RAW files, by other options than it was taken with."""
+"""A run's pictures made again from its RAW files, with options other than the run's own."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def decode_again(
     parts: int | None,
     on_event: EventListener | None,
 ) -> DecodingResult:
-    """Make the pictures of a run; nothing is written. None leaves an option as the run had it.
+    """Make the pictures of a run; nothing is written. None keeps the run's own value of an option.
 
     Raises RequestError for a number of parts that the run does not have, and DecodeError.
     """

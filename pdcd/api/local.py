@@ -46,9 +46,9 @@ def local(config: Configured = None, *, folder: Path | str | None = None) -> Loc
 
     Parameters
     ----------
-    config : None for the configuration that `pdcd` itself would use, which is the mock bench where
-        there is none; the path of a file; TOML text, which is a `str` with a line break or a `=` in
-        it; or tables, such as ``{"scene": {"kind": "wax-disk"}}``.
+    config : None for the configuration that `pdcd` itself would use, which is the mock bench if
+        there is no file; the path of a file; TOML text, which is a `str` with a line break or a `=`
+        in it; or tables, such as ``{"scene": {"kind": "wax-disk"}}``.
     folder : where run folders go; None: below the state folder, as the configuration says.
 
     Raises ConfigError and DriverUnavailable. The devices are opened by the first capture.
@@ -59,7 +59,7 @@ def local(config: Configured = None, *, folder: Path | str | None = None) -> Loc
 def resolve_config(given: Configured, base: Config | None = None) -> Config:
     """The configuration that was given in one of these ways. Raises ConfigError.
 
-    base : what keys take that text or tables leave out; None: the values of the mock bench.
+    base : values of the keys that text or tables leave out; None: those of the mock bench.
     """
     if isinstance(given, Config):
         return given
@@ -104,7 +104,7 @@ class LocalBench(Bench):
         return describe_bench(self._config)
 
     def close(self) -> None:
-        """Let go of the devices. Idempotent."""
+        """Release the devices. Idempotent."""
         if self._opened:
             self._opened = False
             self._engine.stop()

@@ -1,4 +1,4 @@
-"""A run on disk as an object: read when asked for, and only what is as it was."""
+"""A run on disk as an object: files are read when asked for, and only if unchanged."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ _MOST_PREVIEWS = 4
 def open_run(folder: Path | str) -> Run:
     """Open the folder of a run; `pdcd.open` is its public name.
 
-    Only the manifest is read, and held against its digest; each file is held against the manifest
-    when it is first used. Raises DecodeError for what is no finished run, or was changed.
+    Only the manifest is read, and checked against its digest; each file is checked against the
+    manifest when it is first used. Raises DecodeError if it is not a finished run, or was changed.
     """
     return Run(Path(folder))
 
@@ -69,13 +69,13 @@ class Run:
 
     def __init__(self, folder: Path) -> None:
         self.manifest: Manifest = read_sound_manifest(folder, ())
-        """Everything that capture.json tells (docs/run-folder.md)."""
+        """Everything in capture.json (docs/run-folder.md)."""
         self.folder = folder.absolute()
-        """Where it lies."""
+        """The folder of the run."""
 
     @cached_property
     def manifest_sha256(self) -> str:
-        """Of capture.json: kept elsewhere, it proves that nothing of the run was forged."""
+        """SHA-256 of capture.json: kept elsewhere, it proves that the run was not forged."""
         with refuse_unsound(self.folder / MANIFEST):
             return hash_file(self.folder / MANIFEST, MAX_MANIFEST_BYTES)
 
@@ -112,19 +112,19 @@ class Run:
 
     @property
     def rms_sigma(self) -> float | None:
-        """RMS of the standard deviation over that of the picture; None where it is not known."""
+        """RMS of the standard deviation over that of the picture; None if it is not known."""
         return self._number("rms_sigma")
 
     @property
     def scale_sigma(self) -> float | None:
-        """Standard deviation of the scale that all pixels share, relative; None where nobody knows.
-        `summary["scale"]` says what it goes by, and `sigma` is without it."""
+        """Standard deviation of the scale that all pixels share, relative; None if unknown.
+        `summary["scale"]` says what the scale is based on; `sigma` does not include it."""
         return self._number("scale_sigma")
 
     @property
     def rms_error_quads(self) -> float | None:
         """RMS error of the picture's quads, with their noise and the detail within cells, over the
-        RMS of the truth; None where nobody knows the scene."""
+        RMS of the truth; None if the scene is not known."""
         return self._number("rms_error_quads")
 
     @property
@@ -134,7 +134,7 @@ class Run:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is to be known of the run, a line each."""
+        """Warnings about the run, a line each."""
         return self.manifest.warnings
 
     @cached_property

@@ -1,6 +1,6 @@
 """A stream as pictures that are looped over: `for picture in bench.stream("indirect")`.
 
-The newest picture counts: who is slow is given what there is when it asks, and memory stays level.
+The newest picture counts: a slow reader gets the newest one when it asks, and memory stays level.
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ class LivePicture:
 
     @property
     def number(self) -> int:
-        """Counts the pictures of the stream, and photos that were spoilt."""
+        """Number of the picture in the stream; spoilt photos are counted, too."""
         return self.told.number
 
     @property
     def latency_s(self) -> float:
-        """From the end of its exposure until the picture was there."""
+        """Time from the end of its exposure until the picture was ready."""
         return self.told.latency_s
 
     @property
     def rate_hz(self) -> float:
-        """Pictures a second, lately."""
+        """Recent rate of pictures per second."""
         return self.told.rate_hz
 
     @property
@@ -68,13 +68,13 @@ class LivePicture:
 
     @property
     def lost(self) -> int:
-        """Photos of the stream that were spoilt so far, of which there are no pictures."""
+        """Number of spoilt photos of the stream so far; they give no pictures."""
         return self.told.lost
 
     @property
     def sigma_kind(self) -> str:
-        """ "measured": `sigma` has the error of the codes, by the newest photos; "sensor": it has
-        not, as there are too few of them yet."""
+        """ "measured": `sigma` includes the error of the codes, measured by the newest photos;
+        "sensor": it does not, as there are too few photos yet."""
         return self.told.sigma_kind
 
     @property
@@ -87,7 +87,7 @@ class PictureStream(ABC):
     """Pictures without end; an iterator and a context manager, which ends the stream.
 
     The stream also ends when nobody holds this any more. Panels are black and the shutter is closed
-    then. The iterator ends with the stream's time, and raises the error that it ended by.
+    then. The iterator ends with the stream's time, and raises the error that ended it.
     """
 
     def __iter__(self) -> Self:
@@ -110,7 +110,7 @@ class PictureStream(ABC):
     @abstractmethod
     def record(self) -> Run:
         """Make a run folder of the newest set of photos. Pictures pause meanwhile. Raises the error
-        that it failed by."""
+        if that fails."""
 
     @abstractmethod
     def close(self) -> None:

@@ -47,8 +47,8 @@ class Table:
     @overload
     def __getitem__(self, what: str) -> NDArray[Any]: ...
     def __getitem__(self, what: int | str) -> TaskRecord | NDArray[Any]:
-        """A row by its number in the table, or a column by its name: float64 with NaN for what is
-        not known where it holds numbers, else objects. Raises KeyError and IndexError."""
+        """A row by its number in the table, or a column by its name: float64 with NaN for
+        unknown values if it holds numbers, else objects. Raises KeyError and IndexError."""
         if isinstance(what, int):
             return dict(zip(self.columns, self._values(self._rows[what]), strict=True))
         if what not in self.columns:
@@ -63,7 +63,7 @@ class Table:
     def where(self, **wanted: Value) -> Table:
         """The rows with these values; "asked.seed" may be named as `where(**{"asked.seed": 1})`.
 
-        Raises RequestError for a column that there is not.
+        Raises RequestError for a column that does not exist.
         """
         for name in wanted:
             if name not in self.columns:
