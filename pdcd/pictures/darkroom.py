@@ -24,6 +24,7 @@ from pdcd.panels.patterns import Patterns, make_empty_patterns
 from pdcd.pictures.bars import make_pictures_with_errors
 from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.exposed import AmbientLight, ExposedShot, RawShot, refuse_unlike
+from pdcd.pictures.full import find_full_quads
 from pdcd.pictures.leaks import DarkPhotoLight, ShotMeans
 from pdcd.pictures.learn import PilotFindings, learn_paths
 from pdcd.pictures.repeated import RepeatedMatrices
@@ -193,9 +194,15 @@ class Darkroom:
             )
         view = FieldView.of(self._record, cells)
         dead = self._dead if self._side == 1 else None
+        full = self.find_full_quads(recipe)
         return DecodedRun(
-            recipe, shots, pictures, cells, view, sums, self._apart(), self._side, dead
+            recipe, shots, pictures, cells, view, sums, self._apart(), self._side, dead, full
         )
+
+    def find_full_quads(self, recipe: Recipe) -> Bools | None:
+        """Those of `pdcd.pictures.full`; None of squares of quads, too."""
+        alone = self._side == 1
+        return find_full_quads(recipe, self._exposed, self.cells, self._dead) if alone else None
 
     def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, ExposedShot]]:
         """Shots and sums so far, and the recipe of the photos that they suffice for."""

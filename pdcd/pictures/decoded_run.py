@@ -42,6 +42,9 @@ class DecodedRun:
     dead: Bools | None = None
     """(h, w), quads that are dead by a white shot; all shots have them as saturated. None where
     nobody could tell."""
+    full: Bools | None = None
+    """(h, w), quads that a shot of the answer has saturated by light; None where there are none, or
+    one of the pictures' is a mean of several."""
 
     @property
     def answer(self) -> PictureWithErrors:
@@ -53,7 +56,7 @@ class DecodedRun:
         """Entries of T, where these were photographed. Raises DecodeError."""
         if self.recipe.target.goal.name != "transport":
             return None
-        return solve_transport_slice(self.recipe, self.shots, self.cells)
+        return solve_transport_slice(self.recipe, self.shots, self.cells, self.full)
 
     def takes_out(self, photo: RecipePhoto, normalise: NormaliseName) -> bool:
         """Whether direct light was taken out of a photo: not where there was too much of it."""
@@ -68,7 +71,7 @@ class DecodedRun:
     @cached_property
     def cell_means(self) -> PictureWithErrors:
         """The answer's means over the cells, (rows, cols, C)."""
-        return average_with_errors(self.answer, self.cells)
+        return average_with_errors(self.answer, self.cells, self.full)
 
     def deviations(self, alive: _Alive = lambda: None) -> dict[str, Deviation]:
         """For each photo, its realised probing matrix against the wanted one.

@@ -103,6 +103,11 @@ class RollingPictures:
         self._told[part] = average_part(picture, self._parted)
         return self._with_bars(chosen, alone, shots, alive)
 
+    def find_full_quads(self) -> Bools | None:
+        """Quads that the newest shots of the answer have saturated by light, (h, w); None for
+        none."""
+        return self._darkroom.find_full_quads(self._recipe)
+
     def _shots(self) -> dict[str, ExposedShot]:
         """The newest of each."""
         names = [shot.name for shot in self._recipe.shots if shot.name not in self._kept]

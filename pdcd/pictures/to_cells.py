@@ -96,13 +96,23 @@ def average_light(picture: Picture, cells: CellMap) -> Floats:
     return image.reshape(*cells.grid, -1)
 
 
-def average_with_errors(picture: PictureWithErrors, cells: CellMap) -> PictureWithErrors:
+def average_with_errors(
+    picture: PictureWithErrors, cells: CellMap, full: Bools | None = None
+) -> PictureWithErrors:
     """The same of a picture with its whole error: (rows, cols, C) float64 each.
 
     The sensor's part gets less by averaging. The error of the codes does not: quads of a cell share
     it, but for what `Barred.of_cells` knows.
+
+    full : (h, w), quads that are full of light (`pdcd.pictures.full`), None for none. Of a cell
+    with one nothing is known: the others' mean is too dark by what that one has beyond its end.
     """
     coarse = average_picture(Picture(picture.image, picture.sensor), cells)
+    if full is not None:
+        over = cells.touched(full)
+        coarse.sigma.reshape(over.size, -1)[over] = np.inf
+        means = cells.mean(picture.image)
+        coarse.image.reshape(over.size, -1)[over] = means[over]
     code = picture.of_cells
     if code is None:
         code, _ = _means(picture.code, _known(picture, cells), cells)

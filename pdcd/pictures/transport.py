@@ -72,9 +72,12 @@ class TransportSlice:
 
 
 def solve_transport_slice(
-    recipe: Recipe, shots: Mapping[str, ExposedShot], cells: CellMap
+    recipe: Recipe, shots: Mapping[str, ExposedShot], cells: CellMap, full: Bools | None = None
 ) -> TransportSlice:
     """The slice of a recipe of `pdcd.recipes.transport`, whose shots are all there.
+
+    full : (h, w), quads that are full of light (`pdcd.pictures.full`), None for none: of cells with
+    one nothing is known.
 
     Raises DecodeError where the projector gave a cell no light of its own.
     """
@@ -85,6 +88,8 @@ def solve_transport_slice(
     gathered, shown, opened, uneven = _sides(taken, part, bright)
     known = ~np.logical_or.reduce([shot.saturated for shot in taken])
     sure = cells.seen(known)[part.seen] & (gathered > 0.0).all(axis=0)
+    if full is not None:
+        sure &= ~cells.touched(full)[part.seen]
     scale = np.divide(1.0, gathered, out=np.zeros_like(gathered), where=gathered > 0.0)
     found = unmix_some_cells(taken, known, cells, part.seen)
     light, error = found.light * scale[..., None], found.error * scale[..., None]

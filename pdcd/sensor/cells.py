@@ -31,7 +31,9 @@ _LEAST_SEEN = 0.05
 _PURE = 1e-6
 """Share of a second cell, about, from which a quad counts as seeing two."""
 _LEAST_KNOWN = 0.9
-"""Share of what is seen of a cell that must be known; a cell with more saturated is unknown."""
+"""Share of what is seen of a cell that must be known; a cell of which more is not is unknown."""
+_TOUCHED = 0.01
+"""Share of a quad from which on a cell has light of it."""
 
 
 class CellMap(msgspec.Struct, frozen=True, kw_only=True):
@@ -190,6 +192,11 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
             return enough
         seen = _footprint(self, _UNCUT).collect(known & self.known).ravel()
         return enough & (seen >= _LEAST_KNOWN * whole)
+
+    def touched(self, quads: Bools) -> Bools:
+        """(N,), cells of which any of these quads (h, w) sees something."""
+        shares = _footprint(self, _UNCUT).collect(quads & self.known).ravel()
+        return np.asarray(shares > _TOUCHED)
 
     @property
     def quad_cells(self) -> float:

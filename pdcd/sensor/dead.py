@@ -8,6 +8,8 @@ is full has none of photons, so that far more samples end at one level than belo
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +38,9 @@ _FINE = 1.0 / 15.0
 """Cells that a quad covers, at most, where its neighbours tell of it."""
 _STUCK = 0.5
 """Share of saturation that neighbours of a saturated sample stay below where it is stuck."""
+_UNLIT = 0.02
+"""Share of saturation that neighbours stay below where hardly any light falls: a point so bright
+that its own sample is full there has more beside it, by what a lens spreads."""
 _PILE, _PILE_TIMES = 64, 4
 """Samples at the upper end, and times those as far below it, that noise of photons never leaves."""
 _READ_SPREAD = 7.0
@@ -79,8 +84,26 @@ def find_stuck_samples(frame: RawFrame, saturation_dn: float) -> Bools:
     stuck ones, if they are so at another aperture, too; else a glint."""
     if not frame.saturated.any():
         return frame.saturated
+    return np.asarray(frame.saturated & (_light_around(frame) < _STUCK * saturation_dn))
+
+
+def find_always_full_samples(quads: Bools, frames: Iterable[tuple[RawFrame, float]]) -> Bools:
+    """Those of some quads, (h, w), that are white whatever they see, where `can_tell_samples`:
+    saturated in all photos of a run, which come with their DN of saturation, and by itself in one
+    where next to no light falls, as the projector's code is black there."""
+    always, dark = quads.copy(), np.zeros_like(quads)
+    for frame, saturation_dn in frames:
+        always &= frame.saturated
+        if not always.any():
+            break
+        dark |= always & (_light_around(frame) < _UNLIT * saturation_dn)
+    return always & dark
+
+
+def _light_around(frame: RawFrame) -> NDArray[np.float32]:
+    """The brightest sample of the quads around each, (h, w), in DN above black."""
     light: NDArray[np.float32] = frame.planes.max(axis=0)
-    return np.asarray(frame.saturated & (cv2.dilate(light, _AROUND) < _STUCK * saturation_dn))
+    return np.asarray(cv2.dilate(light, _AROUND), np.float32)
 
 
 def find_full_level(frame: RawFrame, profile: SensorProfile, iso: int) -> float | None:

@@ -136,7 +136,9 @@ class StreamCourse:
     def _make(self, part: int, watch: Watch, *, draw: bool) -> RollingPicture:
         """The picture by the newest parts. Raises DecodeError."""
         made = self._rolling.picture(part, watch)
-        cells = average_with_errors(made, self._course.darkroom.cells)
+        cells = average_with_errors(
+            made, self._course.darkroom.cells, self._rolling.find_full_quads()
+        )
         rms = compute_rms_sigma(cells)
         unknown = np.isinf(made.sigma)
         jpeg, size_px = self._drawn(made, cells) if draw else (b"", (0, 0))

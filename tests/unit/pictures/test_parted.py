@@ -9,7 +9,7 @@ import pytest
 from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.pictures.bars import add_part_errors
 from pdcd.pictures.exposed import ComputedShot
-from pdcd.pictures.picture import Picture
+from pdcd.pictures.picture import Picture, PictureWithErrors
 from pdcd.pictures.to_cells import average_shots, average_with_errors, choose_part_cells
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
@@ -41,6 +41,22 @@ def test_cells_have_the_mean_of_quads_that_no_shot_has_saturated() -> None:
         assert not shots[name].saturated.any()
         assert shots[name].exif == {"iso": 100} and shots[name].missed == 3
     assert alike.frame == alike.grid == GRID
+
+
+def test_of_a_cell_with_a_quad_full_of_light_nothing_is_known() -> None:
+    """One that is unknown by chance is left out."""
+    image = np.random.default_rng(7).random((*FRAME, 3))
+    sensor, full = np.full(image.shape, 0.1), np.zeros(FRAME, np.bool_)
+    full[2, 7] = True
+    sensor[2, 7] = sensor[2, 2] = np.inf
+    picture = PictureWithErrors(image, sensor, sensor, np.zeros_like(sensor), "whole")
+    blocks = image.reshape(GRID[0], SIDE, GRID[1], SIDE, 3).swapaxes(1, 2).reshape(*GRID, -1, 3)
+    expected = blocks.mean(axis=2)  # all as measured, where nothing is known
+    expected[0, 0] = np.delete(blocks[0, 0], 12, axis=0).mean(axis=0)
+    means = average_with_errors(picture, CellMap.block(GRID, FRAME), full)
+    np.testing.assert_allclose(means.image, expected, atol=1e-14)
+    unknown = np.argwhere(np.isinf(means.sigma).all(axis=-1))
+    assert unknown.tolist() == [[0, 1]] and np.isfinite(means.sigma).sum() == 3 * 11
 
 
 def test_cells_that_no_quad_sees_are_as_bright_as_the_others() -> None:

@@ -190,6 +190,13 @@ def test_a_frame_beside_the_field_sees_part_of_it() -> None:
     assert back.tolist() == [0.0] * 7 + [7.0, 8.0, 9.0, 10.0, 11.0]
 
 
+@pytest.mark.parametrize(("right", "touched"), [(0.5, [0, 1]), (0.0, [0]), (0.005, [0])])
+def test_a_quad_touches_the_cells_that_it_sees(right: float, touched: list[int]) -> None:
+    quads = np.zeros((4, 12), np.bool_)
+    quads[0, 1] = True
+    assert np.flatnonzero(shifted(right).touched(quads)).tolist() == touched
+
+
 def test_quads_on_an_edge_see_two_cells() -> None:
     cells = shifted(0.5)
     even = np.arange(12) % 2 == 0

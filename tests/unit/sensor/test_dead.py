@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.dead import (
     can_tell_samples,
+    find_always_full_samples,
     find_dead_samples,
     find_full_level,
     find_stuck_samples,
@@ -130,6 +131,22 @@ def test_a_stuck_sample_is_saturated_by_itself(beside: int, alone: bool, tmp_pat
     assert places(found) == [[7, 9]] * alone
     none: Any = find_stuck_samples(photo(tmp_path, lit()), BODY.saturation_dn(100))
     assert not none.any()
+
+
+def test_a_sample_is_white_whatever_it_sees_if_it_is_so_in_the_dark(tmp_path: Path) -> None:
+    """One that is stuck, a glint that is full in the first photo only, and one that is full in all
+    of them but never lies in the dark."""
+    photos = []
+    for number, beside in enumerate((1500, BLACK)):
+        samples = np.full(SHAPE, beside, np.uint16)
+        samples[7, 9] = samples[2, 3] = WHITE
+        samples[2, 4] = 1500
+        samples[12, 13] = WHITE if number == 0 else 1500
+        photos.append((photo(tmp_path, samples), BODY.saturation_dn(100)))
+    full = photos[0][0].saturated
+    assert places(full) == [[2, 3], [7, 9], [12, 13]]
+    assert places(find_always_full_samples(full, photos)) == [[7, 9]]
+    assert not find_always_full_samples(full, photos[:1]).any()
 
 
 @pytest.mark.parametrize(("side", "fine"), [(1, False), (3, False), (4, True), (20, True)])
