@@ -13,8 +13,14 @@ from pdcd.errors import DecodeError
 from pdcd.probing.deviation import row_weights_s, weight_s
 from pdcd.probing.fine import PieceWeights, sum_piece_weights
 from pdcd.probing.realised import Factors, sum_signed_factors
+from pdcd.probing.wanted import WANTED_BLOCK, WantedMatrix
 from pdcd.recipes.recipe import Combination, RecipePhoto
 from pdcd.words import NormaliseName
+
+LEAST_SHARE = 0.1
+"""Share of the light that a cell is to have of which less is none: what black lets through."""
+_MOST_LOOKED_AT = 2**26
+"""Wanted weights that are summed up over columns."""
 
 
 class RealisedShot(Protocol):
@@ -101,19 +107,66 @@ def sum_realised_matrices(terms: Combination, shots: Mapping[str, RealisedShot])
     return sum_signed_factors((sign, shots[name].realised) for sign, name in terms)
 
 
+def find_shut_cells(realised: Factors, wanted: WantedMatrix) -> Bools | None:
+    """Cells that the mask never opened for what they are to keep, (N,); None where there are none.
+
+    Black that leaks opens nothing: less than `LEAST_SHARE` of the light that others get is none.
+    """
+    through = np.abs(realised.right).sum(axis=1) @ np.abs(realised.left)
+    shut: Bools = through < LEAST_SHARE * through.mean()
+    if not shut.any():  # as it is of codes of a family
+        return None
+    inner, norm = row_weights_s(realised, wanted)
+    common = weight_s(realised, wanted)
+    shut &= (norm > 0.0) & (inner < LEAST_SHARE * common * norm)
+    return shut if shut.any() else None
+
+
+def find_unlit_cells(realised: Factors, wanted: WantedMatrix) -> tuple[Bools, float]:
+    """Cells that the projector never lit although their light is wanted, (N,), and the share of
+    the wanted weights, without their signs, that is theirs."""
+    lit = np.abs(realised.left).sum(axis=1) @ np.abs(realised.right)
+    unlit: Bools = lit < LEAST_SHARE * lit.mean()
+    if not unlit.any():
+        return unlit, 0.0
+    weights = _sum_columns(wanted)
+    total = float(weights.sum())
+    if not total > 0.0:
+        return np.zeros_like(unlit), 0.0
+    unlit &= lit * total < LEAST_SHARE * weights * lit.sum()
+    return unlit, float(weights[unlit].sum()) / total
+
+
+def _sum_columns(wanted: WantedMatrix) -> Floats:
+    """Sums of the wanted weights, without their signs, over columns, (N,), up to a factor; of many
+    cells by some rows, evenly spread."""
+    step = -(-(wanted.cells**2) // _MOST_LOOKED_AT)
+    block = WANTED_BLOCK if step == 1 else 1
+    total = np.zeros(wanted.cells)
+    for start in range(0, wanted.cells, step * block):
+        rows = wanted.rows(start, min(start + block, wanted.cells))
+        total += np.abs(rows).sum(axis=0)
+    return total
+
+
 def _row_weights(
     photo: RecipePhoto, realised: Factors, by_row: bool
 ) -> tuple[Floats, Bools | None]:
-    """Weights of cells, () or (N,), and which cells were never open for what they are to keep."""
+    """Weights of cells, () or (N,), and which cells were never open for what they are to keep: of
+    these the common weight has a share, so that each cell is divided by its own where there are
+    any."""
     common = weight_s(realised, photo.wanted)
     if not common > 0.0:
         raise DecodeError(
             f"photo {photo.name} has no light on the paths it is to keep",
             hint="look at frames.csv: did the panels show the codes while the shutter was open",
         )
-    if not by_row:
+    shut = find_shut_cells(realised, photo.wanted)
+    if not by_row and shut is None:
         return np.array(common), None
     inner, norm = row_weights_s(realised, photo.wanted)
     usable = (norm > 0.0) & (inner > 0.0)
+    if shut is not None:
+        usable &= ~shut
     own: Floats = np.where(usable, inner / np.where(norm > 0.0, norm, 1.0), common)
     return own, (norm > 0.0) & ~usable

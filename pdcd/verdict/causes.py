@@ -153,6 +153,19 @@ class Cause(Enum):
     # A single path may be wrong by 1 where codes are few: sums over many paths are not.
     PATH_WEIGHTS = VerdictRow(1.0, 3.0,
         "photo {photo}: paths have weights that are {figure} off (limit {limit}); take more codes")
+    # Quarter windows have up to 0.19 of goals with edges in the wanted matrix.
+    COMMON_WEIGHTS = VerdictRow(0.3, 0.6,
+        "photo {photo}: paths have weights that are {figure} off in all parts alike (limit "
+        "{limit}), and error bars are without it; look at the codes (codes_from): averaged over "
+        "all pairs they do not keep what the goal wants")
+    # Parts miss alike what no code of any of them ever shows, so that error bars are without it.
+    NEVER_LIT = VerdictRow(0.01, 0.1,
+        "photo {photo}: the projector never lights {cells} in it, {figure} of the light that is "
+        "wanted by its weights (limit {limit}), and error bars are without it; look at the codes "
+        "(codes_from), or at [projector]")
+    NEVER_OPEN = VerdictRow(0.01, NEVER,
+        "photo {photo}: the mask never opens {cells} in it, {figure} of the field (limit {limit}), "
+        "and nothing is known there; look at the codes (codes_from), or at [mask]")
     DIRECT_BY_CELL = VerdictRow(0.3, 1.0,
         "photo {photo}: direct light has weights that are {figure} off from cell to cell (RMS, "
         "limit {limit}); look at guards, lag and offset of the panels, or take more codes")

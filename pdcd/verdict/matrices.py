@@ -9,13 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdcd.arrays import Floats, Indices
-from pdcd.pictures.weights import RealisedShot, is_divided_by_row, sum_realised_matrices
+from pdcd.arrays import Bools, Floats, Indices
+from pdcd.pictures.weights import (
+    RealisedShot,
+    find_shut_cells,
+    find_unlit_cells,
+    is_divided_by_row,
+    sum_realised_matrices,
+)
 from pdcd.probing.convolved import SameRowPart
-from pdcd.probing.deviation import weight_s
+from pdcd.probing.deviation import compute_row_deviations, row_weights_s, weight_s
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import FullPart, Grid, MatchPart, MatrixPart, WantedMatrix
-from pdcd.recipes.recipe import Extremes, RecipePhoto
+from pdcd.recipes.recipe import Combination, Extremes, RecipePhoto
 from pdcd.runs.record import ShotRecord
 from pdcd.verdict.causes import Cause, VerdictFinding, judge
 from pdcd.verdict.evidence import Evidence
@@ -25,6 +31,8 @@ _TOGETHER = 1
 """Cells by which the partners of neighbours may lie nearer or further apart than these."""
 _NO_WEIGHT = 1e-9
 """Weight that is none."""
+_FEWEST_COMPARED = 2
+"""Parts by which what is common to them is told from chance."""
 _LEAST_SHOWN = 0.05
 """Least share of the direct light that a picture of it is taken to show."""
 
@@ -36,6 +44,11 @@ def judge_matrices(seen: Evidence) -> Iterator[VerdictFinding]:
         one = seen.deviations[photo.name]
         yield from judge(Cause.DIRECT_WEIGHT, abs(one.diagonal_mean), photo=photo.name)
         yield from judge(Cause.PATH_WEIGHTS, one.off_rms, photo=photo.name)
+        realised = sum_realised_matrices(photo.shots, seen.panels)
+        yield from judge_never_shown(photo.name, realised, photo.wanted)
+        parts = [sum_realised_matrices(terms, seen.panels) for terms in _list_parts(seen, photo)]
+        common = measure_common_error(realised, parts, photo.wanted)
+        yield from judge(Cause.COMMON_WEIGHTS, common, photo=photo.name)
     off = compute_direct_weight_errors(seen.photos, seen.panels, seen.record.normalise)
     for name, wrong in off.items():
         yield from judge(Cause.DIRECT_BY_CELL, wrong, photo=name)
@@ -48,6 +61,62 @@ def judge_matrices(seen: Evidence) -> Iterator[VerdictFinding]:
             yield from _judge_direct_unseen(seen, shares)
         elif "white" not in shares:
             yield from _judge_blocked_left(seen, shares)
+
+
+def judge_never_shown(
+    photo: str, realised: Factors, wanted: WantedMatrix
+) -> Iterator[VerdictFinding]:
+    """Whether a photo's codes lit and opened all cells that they were to: all of its parts together
+    never do it elsewhere, and agree in that."""
+    unlit, share = find_unlit_cells(realised, wanted)
+    yield from judge(Cause.NEVER_LIT, share, photo=photo, cells=_count_cells(unlit))
+    shut = find_shut_cells(realised, wanted)
+    if shut is not None:
+        figure = float(shut.mean())
+        yield from judge(Cause.NEVER_OPEN, figure, photo=photo, cells=_count_cells(shut))
+
+
+def _list_parts(seen: Evidence, photo: RecipePhoto) -> list[Combination]:
+    """The shots of each part of a photo, with their signs; sums of single codes have none."""
+    parts: dict[int, list[tuple[float, str]]] = {}
+    for sign, name in photo.shots:
+        if name in seen.planned:
+            parts.setdefault(seen.planned[name].part, []).append((sign, name))
+    return [tuple(terms) for terms in parts.values()]
+
+
+def measure_common_error(
+    realised: Factors, parts: Sequence[Factors], wanted: WantedMatrix
+) -> float:
+    """RMS over all paths, but those of cells of which nothing is known, of what the weights of a
+    photo are off in all of its parts alike; 0 of one that has no parts, or whose parts make up for
+    each other.
+
+    The mean of B parts that err independently has 1/B of their mean square. What it has more is
+    common to them.
+    """
+    if len(parts) < _FEWEST_COMPARED:
+        return 0.0
+    shut = find_shut_cells(realised, wanted)
+    known = np.ones(wanted.cells, np.bool_) if shut is None else ~shut
+    alone = float(np.mean([_compute_path_error(part, wanted, known) for part in parts]))
+    whole = _compute_path_error(realised, wanted, known)
+    return float(np.sqrt(max(len(parts) * whole - alone, 0.0) / (len(parts) - 1)))
+
+
+def _compute_path_error(realised: Factors, wanted: WantedMatrix, known: Bools) -> float:
+    """Mean square of what paths but the direct one are off, of `known` cells (N,)."""
+    scale = weight_s(realised, wanted)
+    if not known.all():
+        inner, norm = row_weights_s(realised, wanted)
+        scale = float(inner[known].sum()) / max(float(norm[known].sum()), _NO_WEIGHT)
+    mean, variance, _ = compute_row_deviations(realised, wanted, scale if scale > 0.0 else 1.0)
+    return float(np.mean((mean**2 + variance)[known]))
+
+
+def _count_cells(cells: Bools) -> str:
+    """In words."""
+    return f"{np.count_nonzero(cells)} of {cells.size} cells"
 
 
 def _judge_direct_left(seen: Evidence) -> Iterator[VerdictFinding]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import pdcd
 from pdcd.codes.make import make_codes
@@ -42,6 +43,28 @@ def test_a_family_in_a_file_gives_the_same_probe(tmp_path: Path) -> None:
         assert verify_run(folder).whole
     told = json.loads((own[0] / "capture.json").read_text())["request"]["codes_from"]
     assert told["file"] == "own.npz"
+
+
+@pytest.mark.parametrize(
+    ("side", "verdict", "words"),
+    [(0, "bad", "never lights 72 of 192"), (1, "doubtful", "never opens 72 of 192")],
+)
+def test_codes_that_never_show_a_third_of_the_cells_are_told(
+    side: int, verdict: str, words: str, tmp_path: Path
+) -> None:
+    """All four parts miss the same: their spread knows nothing of it."""
+    shown: NDArray[np.bool_] = np.random.default_rng(1).random((64, 12, 16)) < 0.5
+    pair = [shown, np.logical_not(shown)]
+    pair[side][:, :, :6] = False
+    with pdcd.local({"scene": {"kind": "open-book", "grid": [12, 16]}}, folder=tmp_path) as bench:
+        run = bench.capture("indirect", codes_from=(pair[0], pair[1]), parts=4, progress=False)
+    assert run.verdict == verdict and words in run.quality.reasons[0]
+    known = np.isfinite(run.sigma).all(axis=-1)
+    assert known[:, 6:].all() and known[:, :6].any() == (side == 0)
+    assert run.truth is not None
+    off = (run.image - run.truth)[known]
+    covered = np.mean(np.abs(off) <= 1.96 * run.sigma[known])
+    assert (covered > 0.9) == (side == 1)
 
 
 def test_the_docs_make_codes_that_are_taken(

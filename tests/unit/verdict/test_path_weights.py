@@ -11,12 +11,21 @@ import pytest
 
 from pdcd.probing.convolved import SameRowPart
 from pdcd.probing.realised import Factors
-from pdcd.probing.wanted import MatchPart, MatrixPart, NearPart, UniformPart, WantedMatrix
+from pdcd.probing.wanted import (
+    MatchPart,
+    MatrixPart,
+    NearPart,
+    OuterPart,
+    UniformPart,
+    WantedMatrix,
+)
 from pdcd.recipes.recipe import RecipePhoto
 from pdcd.verdict.matrices import (
     compute_blocked_weight,
     compute_direct_weight_errors,
     compute_light_share,
+    judge_never_shown,
+    measure_common_error,
 )
 
 GRID, N = (3, 4), 12
@@ -90,3 +99,85 @@ def test_cells_of_a_photo_of_direct_light_alone_get_equal_weights_and_others_nee
     assert found == {"p": pytest.approx(np.std(own) / np.mean(own))}
     assert not errors((1.0, UniformPart(N)))
     assert not errors((1.0, UniformPart(N)), (-1.0, MatchPart(np.arange(N))))
+
+
+def add_up(parts: list[Factors]) -> Factors:
+    left, right = (
+        np.concatenate([getattr(one, side) for one in parts]) for side in ("left", "right")
+    )
+    return Factors(left, right, np.sum(left * right, axis=0), left.sum(axis=0))
+
+
+def take_random_parts(
+    primal: np.ndarray, dual: np.ndarray, count: int, pairs: int
+) -> list[Factors]:
+    """Parts of random codes and their complements, lit and open with these shares of all pairs."""
+    rng = np.random.default_rng(7)
+    parts = []
+    for _ in range(count):
+        code = rng.random((pairs, N)) < 0.5
+        right, left = code * primal, ~code * dual
+        parts.append(Factors(left, right, np.sum(left * right, axis=0), left.sum(axis=0)))
+    return parts
+
+
+def dim(cells: slice, share: float) -> np.ndarray:
+    found = np.ones(N)
+    found[cells] = share
+    return found
+
+
+INDIRECT = WantedMatrix(GRID, ((1.0, UniformPart(N)), (-1.0, MatchPart(np.arange(N)))))
+
+
+@pytest.mark.parametrize(
+    ("primal", "dual", "near", "expected"),
+    [
+        (np.ones(N), np.ones(N), 0, 0.0),
+        # 1 / 0.75 of the others' weight, less 1, and -1 of what is never lit.
+        (dim(slice(3), 0.0), np.ones(N), 0, np.sqrt((9 * (1 / 3) ** 2 + 3) / 12)),
+        # Cells that are never open are unknown, and no error.
+        (np.ones(N), dim(slice(3), 0.0), 0, 0.0),
+        # Codes that keep all light, where that from near is not wanted.
+        (np.ones(N), np.ones(N), 1, None),
+    ],
+)
+def test_what_parts_have_in_common_is_told_from_chance(
+    primal: np.ndarray, dual: np.ndarray, near: int, expected: float | None
+) -> None:
+    wanted = INDIRECT
+    if near:
+        wanted = WantedMatrix(GRID, ((1.0, UniformPart(N)), (-1.0, NearPart(GRID, near))))
+        off = ~np.eye(N, dtype=bool)
+        expected = float(np.sqrt(1.0 - wanted.dense()[off].mean()))
+    parts = take_random_parts(primal, dual, 4, 400)
+    found = measure_common_error(add_up(parts), parts, wanted)
+    assert expected is not None and found == pytest.approx(expected, abs=0.06)
+    assert measure_common_error(add_up(parts), parts[:1], wanted) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("primal", "dual", "told"),
+    [
+        (np.ones(N), np.ones(N), []),
+        (dim(slice(3), 0.02), np.ones(N), ["lights 3 of 12 cells in it, 25 %"]),
+        (dim(slice(3), 0.2), np.ones(N), []),
+        (np.ones(N), dim(slice(2), 0.02), ["opens 2 of 12 cells in it, 16.7 %"]),
+    ],
+)
+def test_cells_that_no_code_shows_are_counted(
+    primal: np.ndarray, dual: np.ndarray, told: list[str]
+) -> None:
+    found = list(judge_never_shown("it", add_up(take_random_parts(primal, dual, 1, 60)), INDIRECT))
+    assert len(found) == len(told)
+    assert all(words in one.text for words, one in zip(told, found, strict=True))
+
+
+def test_cells_whose_light_nobody_wants_need_not_be_lit() -> None:
+    """A region that is dark by an illumination, and one that is a fiftieth as bright."""
+    light = dim(slice(3), 0.0) * dim(slice(3, 5), 0.02)
+    realised = add_up(take_random_parts(light, np.ones(N), 1, 60))
+    assert not list(judge_never_shown("it", realised, INDIRECT.under(light)))
+    seen = WantedMatrix(GRID, ((1.0, OuterPart(dim(slice(3), 0.0), np.ones(N))),))
+    realised = add_up(take_random_parts(np.ones(N), dim(slice(3), 0.0), 1, 60))
+    assert not list(judge_never_shown("it", realised, seen))
