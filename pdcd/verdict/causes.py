@@ -87,6 +87,14 @@ class Cause(Enum):
         "ambient or stray light: beyond what the panels let through, shot {shot} has {figure} of "
         "the light of the lit shot (limit {limit}); it is taken off, but what it changes by from "
         "photo to photo is not: darken the room, or cover the way of the light")
+    # Black ink has more light than panels' black lets through.
+    DARK_CELLS = VerdictRow(NEVER, NEVER,
+        "{dark} have no light in the white photo ({figure}): black things, or pixels that a panel "
+        "does not show", remark=0.01)
+    DARK_LINES = VerdictRow(0.01, NEVER,
+        "{dark} have no light in the white photo ({figure}, limit {limit}), among them {lines} "
+        "between lit ones, as of a panel that does not show part of its picture; look at a white "
+        "picture on [mask] and on [projector]")
     MISSED = VerdictRow(YES, NEVER,
         "{missed} refreshes were missed in {shots}, so that codes got unequal light; let nothing "
         "else run on the display, or set rig.on_miss to balance")

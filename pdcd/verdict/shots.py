@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from pdcd.arrays import Floats
+from pdcd.arrays import Bools, Floats
 from pdcd.bench.exposure_time import describe_time_conflict
+from pdcd.pictures.combine import list_white_photos
 from pdcd.runs.record import ShotRecord
 from pdcd.sensor.profile import SensorProfile
 from pdcd.verdict.causes import Cause, VerdictFinding, judge
@@ -15,6 +16,14 @@ from pdcd.verdict.evidence import Evidence, list_evenly
 
 _NO_WEIGHT = 1e-9
 """Light that is none."""
+_SURE = 3.0
+"""Standard deviations of the noise of a cell's mean that light has at least."""
+_LEAKS, _LEAST_INK = 2.0, 0.02
+"""Times the light that panels' black lets through, before bright places, that a dark cell has at
+most; and the share of bright light that anything black reflects."""
+_LONG, _MOST_OF_LINE = 6, 0.5
+"""Cells of a line, at least, and the share of it that is known and dark, all of which a panel may
+not show: few cells in a row may be black by themselves."""
 _BRIGHT = 95.0
 """Percentile of the field's light that is that of bright places."""
 
@@ -27,6 +36,8 @@ def judge_shots(seen: Evidence) -> Iterator[VerdictFinding]:
         yield from judge(Cause.SATURATED, shares[worst], shot=worst)
     yield from _judge_lit_shots(seen)
     yield from _judge_room_light(seen)
+    if "white" in seen.pictures and list_white_photos(seen.decoded.recipe):
+        yield from judge_dark_cells(find_dark_cells(seen), seen.cells.grid)
     yield from judge_refreshes(seen.records)
     exif = {name: shot.exif.get("exposure_s") for name, shot in seen.decoded.shots.items()}
     told_s = {name: told for name, told in exif.items() if isinstance(told, float)}
@@ -115,6 +126,46 @@ def _white_rate(seen: Evidence) -> float | None:
             if rate > 0.0:
                 return rate
     return None
+
+
+def find_dark_cells(seen: Evidence) -> tuple[Bools, Bools]:
+    """Cells that have no light in the white picture, by what of it is looked at, and those of which
+    anything is known, (N,) each: nothing above its noise, or no more than what black lets through.
+    """
+    thin, white = seen.thin, seen.pictures["white"]
+    light = thin.pick(white.image).mean(axis=1)
+    noise = np.mean(thin.pick(white.sensor) ** 2, axis=1) / white.image.shape[2]
+    lost = ~np.isfinite(noise)
+    means = thin.mean(np.where(lost, 0.0, light), lost)
+    counts = np.bincount(thin.cell[(thin.cell >= 0) & ~lost], minlength=thin.cells)
+    errors = np.sqrt(thin.mean(np.where(lost, 0.0, noise), lost) / np.maximum(counts, 1))
+    known = counts > 0
+    if not known.any():
+        return np.zeros_like(known), known
+    leak = sum(1.0 / (one.contrast or np.inf) for one in (seen.record.projector, seen.record.mask))
+    black = min(_LEAKS * leak, _LEAST_INK) * float(np.percentile(means[known], _BRIGHT))
+    dark = known & (np.where(known, means, 0.0) < np.maximum(black, _SURE * errors))
+    return dark, known
+
+
+def judge_dark_cells(found: tuple[Bools, Bools], grid: tuple[int, int]) -> list[VerdictFinding]:
+    """What is said of `find_dark_cells`. Whole rows or columns between lit ones are no thing: what
+    is black has an outline, and a panel lines."""
+    dark, known = found
+    number = int(np.count_nonzero(dark))
+    share = number / max(int(np.count_nonzero(known)), 1)
+    told = f"{number} of {np.count_nonzero(known)} cells"
+    lines = []
+    for axis, name in ((1, "rows"), (0, "columns")):
+        lit = np.flatnonzero((known & ~dark).reshape(grid).any(axis=axis))
+        of_line = dark.reshape(grid).sum(axis=axis) > _MOST_OF_LINE * max(grid[axis], _LONG)
+        of_line[lit] = False
+        count = int(np.count_nonzero(of_line[lit[0] : lit[-1]])) if lit.size else 0
+        if count:
+            lines.append(f"{count} whole {name}")
+    if lines:
+        return judge(Cause.DARK_LINES, share, dark=told, lines=" and ".join(lines))
+    return judge(Cause.DARK_CELLS, share, dark=told)
 
 
 def _over(one: float, other: float) -> float:

@@ -12,6 +12,7 @@ from pdcd.runs.record import ShotRecord
 from pdcd.sensor.profile import load_profile
 from pdcd.verdict.causes import Grade, VerdictFinding
 from pdcd.verdict.shots import (
+    judge_dark_cells,
     judge_exposure_times,
     judge_levels,
     judge_light,
@@ -137,3 +138,37 @@ def test_a_file_and_a_profile_have_numbers_of_one_size(
 
 def test_a_photo_that_is_worked_out_has_no_levels() -> None:
     assert told(judge_levels({}, load_profile("mono"))) == []
+
+
+def dark_where(grid: tuple[int, int], *places: Any) -> list[tuple[Grade, str]]:
+    dark = np.zeros(grid, np.bool_)
+    for place in places:
+        dark[place] = True
+    return told(judge_dark_cells((dark.ravel(), np.ones(dark.size, np.bool_)), grid))
+
+
+def test_black_things_are_a_remark_and_lines_without_light_a_reason() -> None:
+    grid = 20, 30
+    assert not dark_where(grid, np.s_[4, 4:9])  # 5 of 600
+    ((grade, text),) = dark_where(grid, np.s_[4:9, 4:14])
+    assert grade == Grade.REMARK and text.startswith("50 of 600 cells have no light in the white")
+    ((grade, text),) = dark_where(grid, np.s_[4:9], np.s_[:, 20])
+    assert grade == DOUBTFUL and "5 whole rows and 1 whole columns between lit ones" in text
+    # At an edge a scene may end, and a thing may be almost as wide as the field.
+    ((grade, _),) = dark_where(grid, np.s_[:5], np.s_[:, 28:])
+    assert grade == Grade.REMARK
+    ((grade, _),) = dark_where(grid, np.s_[4:9, 1:])
+    assert grade == Grade.REMARK
+    ((grade, _),) = dark_where((1, 30), np.s_[:, 4:9])  # of one row a column is a cell
+    assert grade == Grade.REMARK
+    ((grade, _),) = dark_where(grid, np.s_[:])
+    assert grade == Grade.REMARK
+
+
+def test_what_nobody_sees_is_neither_dark_nor_lit() -> None:
+    grid = 20, 30
+    dark, known = np.zeros((2, *grid), np.bool_)
+    known[:, 5:25] = True
+    dark[4:9, 5:25] = True
+    ((grade, text),) = told(judge_dark_cells((dark.ravel(), known.ravel()), grid))
+    assert grade == DOUBTFUL and "100 of 400 cells" in text and "5 whole rows between" in text
