@@ -57,6 +57,8 @@ def decode_again(
     Raises RequestError for a number of parts that the run does not have, and DecodeError.
     """
     watch = _watch(on_event)
+    if not isinstance(parts, int | None) or isinstance(parts, bool):
+        raise RequestError(f"parts: {parts!r} is no number of parts", hint="give 1, 2, 3 ...")
     with convert_record_errors(folder):
         record = msgspec.structs.replace(
             record,

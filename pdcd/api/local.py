@@ -19,7 +19,7 @@ from pdcd.bench.config import from_config_tables, load_config
 from pdcd.bench.measured import apply_calibration
 from pdcd.bench.reading import check_integers, parse_toml
 from pdcd.bench.tables import Config
-from pdcd.errors import PdcdError
+from pdcd.errors import ConfigError, PdcdError
 from pdcd.files.opening import UnsoundFileError, open_parcels
 from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file
 from pdcd.files.system import require_linux
@@ -69,11 +69,16 @@ def resolve_config(given: Configured, base: Config | None = None) -> Config:
     if isinstance(given, str) and ("\n" in given or "=" in given):
         called = "the text given"
         return from_config_tables(parse_toml(given, called), called, base)
+    if not isinstance(given, str | os.PathLike | None):
+        raise ConfigError(
+            f"a configuration of type {type(given).__name__} was given",
+            hint="give the path of a file, TOML text, tables, or None",
+        )
     return load_config(given)
 
 
 class LocalBench(Bench):
-    """A bench in this process, closed until it is first used."""
+    """A bench in this process, closed until it is first used; once more after `close`."""
 
     def __init__(self, config: Config, folder: Path | None = None) -> None:
         require_linux("a bench")
@@ -104,7 +109,7 @@ class LocalBench(Bench):
         return describe_bench(self._config)
 
     def close(self) -> None:
-        """Release the devices. Idempotent."""
+        """Release the devices. Idempotent; the next capture opens them again."""
         if self._opened:
             self._opened = False
             self._engine.stop()

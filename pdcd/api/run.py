@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from pdcd.api.progress import ProgressChoice, show_progress
 from pdcd.arrays import Floats
-from pdcd.errors import ConfigError, DecodeError
+from pdcd.errors import ConfigError, DecodeError, RequestError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file, read_file, refuse_unsound
 from pdcd.panels.lattice import Lattice
@@ -44,8 +45,13 @@ def open_run(folder: Path | str) -> Run:
     """Open the folder of a run; `pdcd.open` is its public name.
 
     Only the manifest is read, and checked against its digest; each file is checked against the
-    manifest when it is first used. Raises DecodeError if it is not a finished run, or was changed.
+    manifest when it is first used. Raises DecodeError if it is not a finished run, or was changed,
+    and RequestError if `folder` is not a path.
     """
+    if not isinstance(folder, str | os.PathLike):
+        raise RequestError(
+            f"a folder of type {type(folder).__name__} was given", hint="give the path of a run"
+        )
     return Run(Path(folder))
 
 

@@ -81,7 +81,7 @@ def read_frame_columns(path: Path, wanted: Sequence[str] | None = None) -> dict[
         entries = zip(*lines, strict=True) if lines else [()] * len(head)
         columns = dict(zip(head, entries, strict=True))
         return {
-            name: np.array(columns[name], dtype=np.str_ if name == "shot" else np.int64)
+            name: np.array(columns[name], np.str_) if name == "shot" else _to_numbers(columns[name])
             for name in (_known(head) if wanted is None else wanted)
         }
     except (*_DAMAGE, KeyError, ValueError, OverflowError) as err:
@@ -91,6 +91,22 @@ def read_frame_columns(path: Path, wanted: Sequence[str] | None = None) -> dict[
 def _known(heads: Sequence[str]) -> tuple[str, ...]:
     """Columns that a table must have, and the one that it may have."""
     return (*COLUMNS, DARK_COLUMN) if DARK_COLUMN in heads else COLUMNS
+
+
+def _to_numbers(entries: Sequence[str]) -> NDArray[np.int64]:
+    """Raises ValueError that names the first one which is none."""
+    try:
+        return np.array([int(entry) for entry in entries], dtype=np.int64)
+    except (ValueError, OverflowError):
+        wrong = next(entry for entry in entries if not _is_number(entry))
+        raise ValueError(f"{wrong[:24]!r} is no whole number of 64 bits") from None
+
+
+def _is_number(entry: str) -> bool:
+    try:
+        return -(2**63) <= int(entry) < 2**63
+    except ValueError:  # also of thousands of digits
+        return False
 
 
 def make_table_error(path: Path, err: Exception) -> DecodeError:
@@ -135,7 +151,13 @@ class FrameTable:
         damaged or lacks some of them.
         """
         table = self._table(shot.name, shot.refreshes)
-        return _frames(table, shot, pair, grid), _log(table, shot)
+        frames = _frames(table, shot, pair, grid)
+        for name in ("primal_shown", "dual_shown"):
+            wrong = table[name][(table[name] < BLACK) | (table[name] >= len(frames))]
+            if wrong.size:
+                told = f"{name} of shot {shot.name} has row {wrong[0]}, of {len(frames)} rows"
+                raise make_table_error(self._path, ValueError(told))
+        return frames, _log(table, shot)
 
     def log_of(
         self,
@@ -164,10 +186,7 @@ class FrameTable:
                     hint="restore it from a copy",
                 )
             columns = dict(zip(self._heads, zip(*rows, strict=True), strict=True))
-            return {
-                column: np.array([int(entry) for entry in columns[column]], dtype=np.int64)
-                for column in _known(self._heads)[1:]
-            }
+            return {column: _to_numbers(columns[column]) for column in _known(self._heads)[1:]}
         except (*_DAMAGE, OverflowError, IndexError, KeyError, ValueError) as err:
             raise make_table_error(self._path, err) from err
 

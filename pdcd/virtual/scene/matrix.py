@@ -41,6 +41,9 @@ MOST_SCENE_ELEMENTS = 2**28
 MOST_TEXTURE_ELEMENTS = 2**26
 """Numbers in its texture: 22 million pixels, 512 MiB here."""
 
+_MOST_LIGHT = float(np.finfo(np.float32).max)
+"""Light that an entry sends at most: pictures are kept in single precision."""
+
 _Grid = tuple[int, int]
 
 
@@ -166,6 +169,12 @@ def _read(data: bytes, limits: ArrayLimits) -> _Stored:
             f"`transport` has {np.count_nonzero(negative)} entries that are negative, "
             f"the first at row {row}, column {column}",
             "light transport is finite and non-negative",
+        )
+    most = float(transport.max())
+    if most > _MOST_LIGHT:
+        raise UnsoundFileError(
+            f"`transport` has entries up to {most:.3g}, and {_MOST_LIGHT:g} is the most",
+            "1 is all light of a cell that a white surface sends back: divide it by its scale",
         )
     return _Stored(transport, grid, projector_grid)
 

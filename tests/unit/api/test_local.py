@@ -42,6 +42,8 @@ def test_a_configuration_may_be_given_in_many_ways(
         ("a = [", "the text given is not TOML"),
         ({"schedule": {"codes": 2**70}}, "more than 64 bits"),
         ("no-such-file.toml", "cannot read"),
+        (5, "a configuration of type int was given"),
+        (b"a = 1", "type bytes"),
     ],
 )
 def test_a_wrong_configuration_is_refused(given: object, told: str) -> None:

@@ -137,6 +137,9 @@ def test_what_is_no_whole_run_is_not_opened(folder: Path, tmp_path: Path) -> Non
         pdcd.open(forged)
     with pytest.raises(ConfigError, match="no cell"):
         pdcd.open(folder).row(99, 0)
+    for wrong, said in ((None, "NoneType"), (5, "int")):
+        with pytest.raises(RequestError, match=f"a folder of type {said} was given"):
+            pdcd.open(wrong)  # type: ignore[arg-type]
 
 
 def test_windows_that_move_show_one_more_cell(tmp_path: Path) -> None:
@@ -179,6 +182,9 @@ def test_other_options_give_what_a_capture_by_them_gives(tmp_path: Path) -> None
     for wrong in (0, 5):
         with pytest.raises(RequestError, match="4 parts"):
             run.decode(parts=wrong)
+    for none in ("a", 1.0, True):
+        with pytest.raises(RequestError, match="is no number of parts"):
+            run.decode(parts=none)  # type: ignore[arg-type]
 
 
 def test_a_notebook_shows_it_and_runs_nothing_of_it(folder: Path) -> None:

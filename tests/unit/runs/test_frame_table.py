@@ -31,10 +31,27 @@ SHOT = ShotRecord(
 def test_a_number_that_is_none_of_a_refresh(number: str, tmp_path: Path) -> None:
     row = ["coded", *["0"] * (len(COLUMNS) - 2), number]
     (tmp_path / FRAMES_FILE).write_text(f"{','.join(COLUMNS)}\r\n{','.join(row)}\r\n")
-    with pytest.raises(DecodeError, match=FRAMES_FILE):
+    with pytest.raises(DecodeError, match=f"{FRAMES_FILE}: .* is no whole number of 64 bits"):
         FrameTable(tmp_path).of(SHOT, (make_empty_patterns(), make_empty_patterns()), grid=(2, 3))
     with pytest.raises(DecodeError, match=FRAMES_FILE):
         read_frame_columns(tmp_path / FRAMES_FILE)
+
+
+@pytest.mark.parametrize(("name", "row"), [("primal_shown", 1), ("dual_shown", 99999),
+                                           ("dual_shown", BLACK - 1)])  # fmt: skip
+def test_a_row_that_no_frame_has(name: str, row: int, tmp_path: Path) -> None:
+    """Of a sequence of one row; black is shown for none."""
+    patterns = pack_bits(np.eye(6, dtype=np.bool_)[:1])
+    for shown in (0, BLACK, row):
+        entries = {**dict.fromkeys(COLUMNS, "0"), "shot": "coded", name: str(shown)}
+        text = f"{','.join(COLUMNS)}\r\n{','.join(entries.values())}\r\n"
+        (tmp_path / FRAMES_FILE).write_text(text)
+        table = FrameTable(tmp_path)
+        if shown != row:
+            assert len(table.of(SHOT, (patterns, patterns), grid=(2, 3))[0]) == 1
+            continue
+        with pytest.raises(DecodeError, match=f"{name} of shot coded has row {row}, of 1 rows"):
+            table.of(SHOT, (patterns, patterns), grid=(2, 3))
 
 
 def test_a_delayed_mask_does_not_change_what_was_asked_of_the_panels(tmp_path: Path) -> None:

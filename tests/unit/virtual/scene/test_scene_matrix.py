@@ -107,6 +107,7 @@ BAD_ARRAYS: list[tuple[dict[str, Any], str]] = [
     ({"transport": EYE - 0.1, "grid": [2, 3]}, "negative, the first at row 0, column 1"),
     ({"transport": np.where(EYE, np.nan, 0), "grid": [2, 3]}, "6 values that are not finite"),
     ({"transport": np.where(EYE, np.inf, 0), "grid": [2, 3]}, "not finite"),
+    ({"transport": EYE * 1e300, "grid": [2, 3]}, r"up to 1e\+300, and 3.40282e\+38 is the most"),
     ({"transport": EYE[..., None], "grid": [2, 3]}, r"shape \(6, 6, 1\)"),
     ({"transport": EYE[:, :4], "grid": [2, 3], "projector_grid": [3, 2]}, r"needs \(6, 6\)"),
     ({"transport": EYE[:, :4], "grid": [2, 3], "projector_grid": [4]}, "`projector_grid` is"),
