@@ -20,6 +20,10 @@ from pdcd.virtual.optics.sites import PanelSites
 
 _POINTS_PER_PX = 2
 """Points along a projector pixel, at least, at which the light on a scene cell is looked at."""
+_ELONGATED = 4
+"""Times that a cell is longer than wide, from which its sides have points of their own."""
+_FEWEST_POINTS = 64
+"""Along such a short side: a pixel may lie in two cells."""
 _CHUNK_POINTS = 1 << 16
 
 
@@ -40,24 +44,27 @@ class LitCellPoints:
     def of(cls, setting: OpticalSetting, grid: tuple[int, int]) -> LitCellPoints:
         """Of a grid (rows, cols) on a bench."""
         (rows, cols), (width, height) = grid, setting.true.projector.size_px
-        points = _POINTS_PER_PX * max(-(-width // cols), -(-height // rows))
-        x, y = ((np.arange(count * points) + 0.5) / (count * points) for count in (cols, rows))
+        across, down = _count_points((width, height), grid)
+        x, y = (
+            (np.arange(count * points) + 0.5) / (count * points)
+            for count, points in ((cols, across), (rows, down))
+        )
         raster = MapRaster(setting.on_projector, x, y)
         numbers = np.arange(width * height, dtype=np.int32).reshape(height, width)
-        across = (np.arange(x.size) // points).astype(np.int32)
-        step = max(1, _CHUNK_POINTS // (x.size * points))
+        column = (np.arange(x.size) // across).astype(np.int32)
+        step = max(1, _CHUNK_POINTS // (x.size * down))
         found = []
         for start in range(0, rows, step):
-            lines = np.arange(start * points, min(start + step, rows) * points, dtype=np.int32)
+            lines = np.arange(start * down, min(start + step, rows) * down, dtype=np.int32)
             place = (v.ravel() for v in raster.rows(int(lines[0]), int(lines[-1]) + 1))
             pixel = sample_pixels(numbers, *place, missing=NO_SITE)
-            cell = ((lines // points * cols)[:, None] + across).ravel()
+            cell = ((lines // down * cols)[:, None] + column).ravel()
             first = find_changes(pixel, cell)
             count = np.diff(first, append=np.int32(pixel.size))
             on = pixel[first] != NO_SITE
             found.append((pixel[first][on], cell[first][on], count[on]))
         pixel, cell, count = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        return cls(pixel, cell, count / float(points**2), rows * cols)
+        return cls(pixel, cell, count / float(across * down), rows * cols)
 
     def by_site(self, sites: PanelSites, uneven: Floats | None) -> scipy.sparse.csr_array:
         """The share of each cell that each site lights, (sites, cells); `uneven` (height, width) is
@@ -69,3 +76,13 @@ class LitCellPoints:
         place = (site[first], self.cell[first])
         shape = (len(sites), self.cells)
         return scipy.sparse.csr_array((np.add.reduceat(share, first), place), shape=shape)
+
+
+def _count_points(size_px: tuple[int, int], grid: tuple[int, int]) -> tuple[int, int]:
+    """Points of a cell across and down: as many either way, as nobody knows how a projector is
+    turned; but not along the short side of cells that are much longer than wide."""
+    (width, height), (rows, cols) = size_px, grid
+    both = _POINTS_PER_PX * max(-(-width // cols), -(-height // rows))
+    each = (max(_POINTS_PER_PX * -(-max(size_px) // n), _FEWEST_POINTS) for n in (cols, rows))
+    across, down = (least if least * _ELONGATED <= both else both for least in each)
+    return across, down
