@@ -17,7 +17,7 @@ from pdcd.probing.wanted import WANTED_BLOCK, WantedMatrix
 from pdcd.recipes.recipe import Combination, RecipePhoto
 from pdcd.words import NormaliseName
 
-LEAST_SHARE = 0.1
+_LEAST_SHARE = 0.1
 """Share of the light that a cell is to have of which less is none: what black lets through."""
 _MOST_LOOKED_AT = 2**26
 """Wanted weights that are summed up over columns."""
@@ -110,15 +110,15 @@ def sum_realised_matrices(terms: Combination, shots: Mapping[str, RealisedShot])
 def find_shut_cells(realised: Factors, wanted: WantedMatrix) -> Bools | None:
     """Cells that the mask never opened for what they are to keep, (N,); None where there are none.
 
-    Black that leaks opens nothing: less than `LEAST_SHARE` of the light that others get is none.
+    Black that leaks opens nothing: less than `_LEAST_SHARE` of the light that others get is none.
     """
     through = np.abs(realised.right).sum(axis=1) @ np.abs(realised.left)
-    shut: Bools = through < LEAST_SHARE * through.mean()
+    shut: Bools = through < _LEAST_SHARE * through.mean()
     if not shut.any():  # as it is of codes of a family
         return None
     inner, norm = row_weights_s(realised, wanted)
     common = weight_s(realised, wanted)
-    shut &= (norm > 0.0) & (inner < LEAST_SHARE * common * norm)
+    shut &= (norm > 0.0) & (inner < _LEAST_SHARE * common * norm)
     return shut if shut.any() else None
 
 
@@ -126,14 +126,14 @@ def find_unlit_cells(realised: Factors, wanted: WantedMatrix) -> tuple[Bools, fl
     """Cells that the projector never lit although their light is wanted, (N,), and the share of
     the wanted weights, without their signs, that is theirs."""
     lit = np.abs(realised.left).sum(axis=1) @ np.abs(realised.right)
-    unlit: Bools = lit < LEAST_SHARE * lit.mean()
+    unlit: Bools = lit < _LEAST_SHARE * lit.mean()
     if not unlit.any():
         return unlit, 0.0
     weights = _sum_columns(wanted)
     total = float(weights.sum())
     if not total > 0.0:
         return np.zeros_like(unlit), 0.0
-    unlit &= lit * total < LEAST_SHARE * weights * lit.sum()
+    unlit &= lit * total < _LEAST_SHARE * weights * lit.sum()
     return unlit, float(weights[unlit].sum()) / total
 
 

@@ -13,6 +13,7 @@ from pdcd.bench.truth import BenchTruth, TruePanel
 from pdcd.panels.placing import Placing
 from pdcd.virtual.optics import spread as spread_module
 from pdcd.virtual.optics.setting import OpticalSetting
+from pdcd.virtual.optics.sights import sample_pixels
 from pdcd.virtual.optics.spread import LitCellPoints
 
 PX = (320, 240)
@@ -36,7 +37,7 @@ def overlap(cells: int, pixels: int) -> np.ndarray:
     """Share of each of so many cells in a row that each pixel covers."""
     low = np.maximum(np.arange(cells)[:, None] / cells, np.arange(pixels) / pixels)
     high = np.minimum(np.arange(1, cells + 1)[:, None] / cells, np.arange(1, pixels + 1) / pixels)
-    return np.maximum(high - low, 0.0) * cells
+    return np.asarray(np.maximum(high - low, 0.0) * cells)
 
 
 @pytest.mark.parametrize("grid", [(3, 4), (1, 24), (18, 1), (1, 5), (2, 40)])
@@ -64,7 +65,7 @@ def test_long_cells_are_not_looked_at_along_their_short_side_as_often(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Of 64 cells, five pixels wide and 240 high: 64 points across are enough for 480 down."""
-    looked, sample = [0], spread_module.sample_pixels
+    looked, sample = [0], sample_pixels
 
     def count(numbers: Any, x: Any, y: Any, *, missing: Any) -> Any:
         looked[0] += x.size
