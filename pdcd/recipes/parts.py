@@ -231,7 +231,7 @@ def make_pairs_recipe(maker: RecipeMaker, white: bool, buckets: int = 1) -> Reci
     return Recipe(target, maker.programs, tuple(maker.shots), tuple(maker.photos), pictures)
 
 
-_LATE = "-late"
+LATE = "-late"
 """What the names of such shots end in."""
 
 
@@ -239,7 +239,7 @@ def rename_shots(recipe: Recipe) -> Recipe:
     """The same recipe with its shots of codes under other names; white ones, and photos of single
     codes, keep theirs."""
     new = {
-        shot.name: shot.name + _LATE
+        shot.name: shot.name + LATE
         for shot in recipe.shots
         if not shot.white and shot.name not in recipe.stack
     }

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from pdcd.arrays import Floats
+from pdcd.recipes.parts import LATE
 from pdcd.recipes.recipe import RecipePhoto
 from pdcd.verdict.causes import Cause, VerdictFinding, judge
 from pdcd.verdict.evidence import Evidence, list_evenly
@@ -73,7 +74,8 @@ def _list_samples(photo: RecipePhoto, seen: Evidence) -> list[LightSample]:
     sides: dict[float, list[tuple[float, str]]] = {1.0: [], -1.0: []}
     of = {name: sign for sign, name in photo.shots}
     for name, sign in of.items():
-        base = of.get(name.partition("-black-")[0], sign)
+        lit, black, _ = name.partition("-black-")
+        base = of.get(lit + LATE if black and name.endswith(LATE) else lit, sign)
         side = 1.0 if base > 0.0 else -1.0
         sides[side].append((side * sign, name))
     return [seen.sample(terms) for terms in sides.values() if terms]
