@@ -184,7 +184,8 @@ def make_place_row(look: PanelLook | None, said: Iterable[VerdictFinding]) -> Ac
     ]
     if wrong:
         worst = max(wrong, key=lambda one: one.grade)
-        return AcceptanceRow(check, "fail", worst.text, limit, "run pdcd calibrate geometry")
+        step = "timing" if worst.cause is Cause.CODES_APART else "geometry"
+        return AcceptanceRow(check, "fail", worst.text, limit, f"run pdcd calibrate {step}")
     if look is None or look.mask is None:
         why = "no photos of blocks" if look is None or not look.why else look.why
         return AcceptanceRow(check, "not tried", why, limit)

@@ -122,13 +122,20 @@ class Cause(Enum):
         "at [projector.place], [mask.place] and [camera.place]")
     LESS_THAN_NO_DIRECT = VerdictRow(NEVER, -0.2,
         "the coded photo has more light than all there is (direct light {figure}, limit {limit}): "
-        "a panel is inverted, or there is much ambient light; look at the polarisers of the mask, "
-        "or measure with black_level ambient", falls=True)
+        "a panel is inverted, or shows its codes whole refreshes late, or there is much ambient "
+        "light; look at the polarisers of the mask, run pdcd calibrate timing, or measure with "
+        "black_level ambient", falls=True)
     # A tenth of all cells must have so much: of misplaced panels 0.05, of the virtual scenes 0.9.
     NO_DIRECT = VerdictRow(0.15, NEVER,
         "no direct light in the scene (at most {figure} in nine of ten places, limit {limit}): "
         "mask and projector do not show the same place, or one is much out of focus; look at "
         "[projector.place], [mask.place] and [camera.place]", falls=True)
+    # Less than 3 % of the direct light is the error of telling, whatever it is of the answer.
+    CODES_APART = VerdictRow(0.06, 0.3,
+        "codes of the panels do not meet: {lost} of the direct light comes by codes that are not "
+        "its own, {figure} of the answer (limit {limit}); the mask likely shows its codes later or "
+        "earlier than believed, or slowly{elsewhere}: run pdcd calibrate timing, or set skew_s, "
+        "rise_s and fall_s in [mask]")
     NOBODY_LOOKED = VerdictRow(YES, NEVER,
         "nobody looked whether panels and camera lie where they are believed to: {why}; run pdcd "
         "calibrate geometry")

@@ -13,12 +13,13 @@ from pdcd.recipes.parts import LATE
 from pdcd.recipes.recipe import RecipePhoto
 from pdcd.verdict.causes import Cause, VerdictFinding, judge
 from pdcd.verdict.evidence import Evidence, list_evenly
+from pdcd.verdict.meeting import judge_meeting, list_single_codes
 from pdcd.verdict.placement import (
     LightSample,
     PlacementFit,
-    estimate_direct_shares,
     fit_fingerprints,
     fit_stack_fingerprints,
+    map_direct_shares,
 )
 
 _CHANCE = 6.0
@@ -61,12 +62,18 @@ def _judge_light(seen: Evidence) -> Iterator[VerdictFinding]:
         sample = LightSample(prints[0].light, prints[0].realised, white)
         fits = fit_fingerprints(sample, record.grid)
     stack = list_evenly([n for n in seen.decoded.recipe.stack if n in shots])
-    yield from judge_panel_places(
-        estimate_direct_shares(told, record.grid),
+    single = list_single_codes(seen, stack)
+    shares = map_direct_shares(told, record.grid)
+    found = judge_panel_places(
+        shares[np.isfinite(shares)],
         fits,
-        list(fit_stack_fingerprints([seen.sample([(1.0, n)]) for n in stack], record.grid)),
+        list(fit_stack_fingerprints(single, record.grid)),
         upright=record.panels is not None and record.panels.upright,
     )
+    # A panel that lies in another way leaves no direct light at its codes, either.
+    if not any(one.cause is Cause.WRONG_WAY for one in found):
+        found = judge_meeting(seen, shares, single) or found
+    yield from found
 
 
 def _list_samples(photo: RecipePhoto, seen: Evidence) -> list[LightSample]:
@@ -111,7 +118,8 @@ def judge_panel_places(
         how = [] if worst.name == "as believed" else [worst.name]
         how += ["inverted"] if worst.share < 0.0 else []
         return judge(Cause.WRONG_WAY, abs(worst.share), how=" and ".join(how))
-    if own := [fit.share for fit in stack if fit.name == "as believed"]:
+    own = [fit.share for fit in stack if fit.name == "as believed"]
+    if own and not shares.size:  # single codes went through an open mask, and tell nothing of it
         shares = np.array(own)
     if not shares.size:
         return []

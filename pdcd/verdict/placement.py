@@ -84,13 +84,21 @@ def list_panel_symmetries(grid: tuple[int, int]) -> dict[str, Indices]:
 
 def estimate_direct_shares(samples: Sequence[LightSample], grid: tuple[int, int]) -> Floats:
     """Share of direct light in all light, around every cell that is lit, (M,); M is 0 where the
-    photos do not tell it.
+    photos do not tell it. For the verdict."""
+    shares = map_direct_shares(samples, grid)
+    return shares[np.isfinite(shares)]
+
+
+def map_direct_shares(samples: Sequence[LightSample], grid: tuple[int, int]) -> Floats:
+    """The same of every cell, (N,); NaN where it is not lit, and everywhere where the photos do not
+    tell it.
 
     The light of a cell in each photo is ``d D + o I``: d from `coaxial`, o the mean weight of all
     other cells. D and I follow by least squares. Only for photos that want all other cells alike.
     """
+    shares = np.full(grid[0] * grid[1], np.nan)
     if len(samples) < 2:
-        return np.zeros(0)
+        return shares
     light = np.stack([s.light for s in samples])
     direct = np.stack([s.realised.coaxial for s in samples])
     other = np.stack([_other(s.realised) for s in samples])
@@ -99,7 +107,7 @@ def estimate_direct_shares(samples: Sequence[LightSample], grid: tuple[int, int]
     apart = dd * oo - do**2
     known = (apart > _APART**2 * dd * oo) & np.isfinite(light).all(axis=0)
     if known.sum() < _FEWEST:
-        return np.zeros(0)
+        return shares
     safe = np.where(known, apart, 1.0)
     light = np.where(known, light, 0.0)
     dl, ol = np.sum(direct * light, axis=0), np.sum(other * light, axis=0)
@@ -108,8 +116,9 @@ def estimate_direct_shares(samples: Sequence[LightSample], grid: tuple[int, int]
     around = [_low(np.where(known, part, 0.0).reshape(grid), _WIDE) for part in (own, own + rest)]
     total = around[1].ravel()
     lit = known & (total > _LIT * np.percentile(total[known], 90.0)) & (total > 0.0)
-    shares: Floats = around[0].ravel()[lit] / total[lit]
-    return shares if shares.size >= _FEWEST else np.zeros(0)
+    if lit.sum() >= _FEWEST:
+        shares[lit] = around[0].ravel()[lit] / total[lit]
+    return shares
 
 
 def fit_fingerprints(sample: LightSample, grid: tuple[int, int]) -> Iterator[PlacementFit]:

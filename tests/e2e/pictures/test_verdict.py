@@ -283,6 +283,79 @@ def test_direct_light_that_is_too_much_to_be_taken_out(
     assert grade in (None, found.verdict)
 
 
+NOT_MET = "codes of the panels do not meet"
+
+
+@pytest.mark.parametrize("scene", ["open-book", "wax-disk"])
+@pytest.mark.parametrize(
+    ("mask", "sound"),
+    [
+        ("skew_s = 0.0166", True),
+        ("skew_s = 0.02", False),
+        ("skew_s = 0.033333", False),
+        ("skew_s = -0.025", False),
+        ("skew_s = 0.05", False),
+        ("rise_s = 0.012\nfall_s = 0.012", False),
+    ],
+)
+def test_a_mask_that_keeps_other_times_than_believed(
+    tmp_path: Path, scene: str, mask: str, sound: bool
+) -> None:
+    """The photo is called good where it is right by the known truth, and nowhere else."""
+    (tmp_path / "truth.toml").write_text(f"[mask]\n{mask}\n")
+    made = take(late_bench(tmp_path, scene), goal="indirect", out=str(tmp_path / "run"))
+    assert (made.error < 0.05) == sound
+    assert (made.quality.verdict == "good") == sound, made.quality
+    if not sound:
+        told = made.quality.reasons[0]
+        assert told.startswith((NOT_MET, "the coded photo has more light than all there is"))
+        assert "run pdcd calibrate timing" in told
+
+
+def late_bench(folder: Path, scene: str, **camera: Any) -> Config:
+    """A bench that is as `truth.toml` says, in front of a scene."""
+    return Config(
+        scene=SceneConfig(kind=scene, grid=SMALL if camera else GRID),
+        camera=CameraConfig(**camera),
+        bench=BenchConfig(truth=str(folder / "truth.toml")),
+        limits=LimitsConfig(min_free_bytes=0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("truth", "asked", "words"),
+    [
+        ("[mask]\nskew_s = 0.025\n", {}, "or slowly: run"),
+        ("[mask]\nskew_s = 0.025\n", {"codes": 32, "goal": "direct"}, "or slowly: run"),
+        ("[mask.place]\nturn_deg = 90.0\nscale = 1.34\n", {}, "or slowly, or elsewhere: run"),
+        ("[scene]\nambient = 0.05\n", {}, ""),
+        ("[mask.place]\nturn_deg = 1.0\n", {}, ""),
+    ],
+)
+def test_codes_that_do_not_meet_beside_what_else_is_wrong(
+    tmp_path: Path, truth: str, asked: dict[str, Any], words: str
+) -> None:
+    """On a bench whose blocks are looked at: what they or the room explain is not told of times."""
+    (tmp_path / "truth.toml").write_text(truth)
+    config = late_bench(tmp_path, "wax-disk", frame_quads=(100, 75))
+    found = take(config, **{"goal": "indirect", "out": str(tmp_path / "run"), **asked}).quality
+    told = [reason for reason in found.reasons if reason.startswith(NOT_MET)]
+    assert [words in reason for reason in told] == [True] * bool(words), found
+    assert not words or found.verdict == "bad"
+
+
+@pytest.mark.parametrize("scene", ["disco-ball", "milky-bottle", "mirror-and-vase", "wax-disk"])
+@pytest.mark.parametrize("asked", [{}, {"window": "quarter"}, {"goal": "direct", "codes": 100}])
+@pytest.mark.long
+def test_codes_that_meet_are_not_told_to_be_apart(
+    tmp_path: Path, scene: str, asked: dict[str, Any]
+) -> None:
+    (tmp_path / "truth.toml").write_text("")
+    config = late_bench(tmp_path, scene, frame_quads=(100, 75))
+    made = take(config, **{"goal": "indirect", "out": str(tmp_path / "run"), **asked})
+    assert made.quality.verdict == "good", made.quality
+
+
 @pytest.mark.parametrize("goal", ["diagonal", "descattered"])
 @pytest.mark.parametrize("skew_s", [6e-3, 25e-3])
 def test_direct_light_of_unequal_weight(tmp_path: Path, goal: str, skew_s: float) -> None:

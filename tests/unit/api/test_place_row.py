@@ -27,6 +27,11 @@ def test_whatever_the_verdict_says_of_places_fails(cause: Cause, grade: Grade) -
     assert "calibrate geometry" in row.advice
 
 
+def test_codes_that_do_not_meet_are_a_matter_of_times() -> None:
+    row = make_place_row(SEEN, judge(Cause.CODES_APART, 0.5, lost=0.2, elsewhere=""))
+    assert row.state == "fail" and "calibrate timing" in row.advice
+
+
 def test_remarks_pass() -> None:
     said = [VerdictFinding(Grade.REMARK, "the mask is a little small", Cause.BESIDE_MASK)]
     row = make_place_row(SEEN, said)

@@ -77,7 +77,11 @@ def test_less_direct_light_than_none_is_an_inverted_panel() -> None:
     assert found.grade == BAD and "(direct light -25 %, limit -20 %)" in found.text
 
 
-def test_single_codes_speak_of_direct_light_before_all_else() -> None:
+def test_single_codes_speak_of_direct_light_where_photos_of_codes_do_not() -> None:
+    """They went through an open mask, and would be as bright behind one that lies anywhere."""
     for share, grade in ((0.5, []), (0.1, [DOUBTFUL])):
         stack = [PlacementFit(BELIEVED, share, 3.0), PlacementFit("mirrored", -0.9, -3.0)]
-        assert grades(np.full(9, -0.9), [], stack) == grades(NONE, [], stack) == grade
+        assert grades(NONE, [], stack) == grade
+        assert grades(np.full(9, -0.9), [], stack) == [BAD]
+        assert grades(np.full(9, 0.1), [], stack) == [DOUBTFUL]
+        assert grades(np.full(9, 0.5), [], stack) == []
