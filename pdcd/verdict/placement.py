@@ -137,17 +137,33 @@ def fit_fingerprints(sample: LightSample, grid: tuple[int, int]) -> Iterator[Pla
         return
 
     def fine(weights: Floats) -> Floats:
-        return _high(weights.reshape(cells.shape) / level)[lit]
+        return _high(weights.reshape(cells.shape) / level)
 
     # What is there also where panels lie as believed: codes that open cells unequally, or keep
     # direct light of some.
     base = [fine(realised.coaxial[here]), fine(opened[here])]
+    even = _find_evenly_lit(realised, grid)
     for name, way in list_panel_symmetries(grid).items():
         there = way[here]
+        # The edge of an illumination is fine detail, too, however a panel lies.
+        told = lit & (even[here] & even[there]).reshape(cells.shape)
+        if told.sum() < _FEWEST:
+            continue
         for mask, projector in ((here, there), (there, here)):
             shown = _products(realised, mask, projector)
-            moved = np.stack([*base, fine(opened[mask])], axis=1)
-            yield from _fit(name, light[lit], fine(shown), moved)
+            moved = np.stack([part[told] for part in (*base, fine(opened[mask]))], axis=1)
+            yield from _fit(name, light[told], fine(shown)[told], moved)
+
+
+def _find_evenly_lit(realised: Factors, grid: tuple[int, int]) -> Bools:
+    """Cells that the projector lights about as long as those around, (N,)."""
+    lit_s = realised.right.sum(axis=0).reshape(grid)
+    least, most = (
+        pick(lit_s, _SIDE, mode="nearest")
+        for pick in (scipy.ndimage.minimum_filter, scipy.ndimage.maximum_filter)
+    )
+    even: Bools = (least > _LIT * most).ravel()
+    return even
 
 
 def fit_stack_fingerprints(

@@ -80,6 +80,16 @@ def test_a_sound_photo_is_good(tmp_path: Path, asked: dict[str, Any]) -> None:
     assert verdict(tmp_path, parts=4, **asked) == Quality(verdict="good")
 
 
+def test_a_scene_that_is_lit_in_part_is_no_panel_that_is_mirrored(tmp_path: Path) -> None:
+    """The edge of the light is the border between a cell and its mirror image."""
+    illumination = np.zeros((12, 16))
+    illumination[:, :8] = 1.0
+    scene = {"kind": "open-book", "grid": [12, 16]}
+    with pdcd.local({"scene": scene}, folder=tmp_path) as bench:
+        run = bench.capture("indirect", illumination=illumination, progress=False)
+    assert run.verdict == "good", run.quality.reasons
+
+
 @pytest.mark.parametrize(("codes", "word"), [(64, "doubtful"), (128, "good")])
 def test_one_exposure_is_not_good_without_a_word(tmp_path: Path, codes: int, word: str) -> None:
     found = verdict(tmp_path, codes=codes)
