@@ -183,6 +183,7 @@ def parse_line(
     # A line that cannot be read does not tell how many of the descriptors were meant for it.
     lost_count = held.unclaimed > 0
     try:
+        line.decode()  # msgspec does not look into text that it leaves raw
         envelope = _ENVELOPE.decode(line)
         if envelope.jsonrpc != "2.0":
             raise msgspec.ValidationError('`jsonrpc` is not "2.0"')

@@ -20,7 +20,7 @@ from pdcd.virtual.optics.sites import PanelSites
 
 _POINTS_PER_PX = 2
 """Points along a projector pixel, at least, at which the light on a scene cell is looked at."""
-_ELONGATED = 4
+_ELONGATED = 6
 """Times that a cell is longer than wide, from which its sides have points of their own."""
 _FEWEST_POINTS = 64
 """Along such a short side: a pixel may lie in two cells."""
