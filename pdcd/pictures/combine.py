@@ -206,8 +206,8 @@ def remove_direct_light(photo: Picture, white: Picture, share: Floats) -> Pictur
 
     Slow panels, and black that is not black, let a share r of the direct light through: so says the
     realised probing matrix, quad by quad. A white photo is W = D + I, the coded one C = I + r D,
-    both over their weights. So I = (C - r W) / (1 - r). Where nothing is known of the white photo
-    the other stays as it is.
+    both over their weights. So I = (C - r W) / (1 - r). Where the white photo is full the other
+    keeps the light, and its error bar has as much of it as a full quad shows.
 
     share : (h, w) of the direct light that the photo has
     (`pdcd.pictures.to_quads.compute_direct_share`).
@@ -218,11 +218,11 @@ def remove_direct_light(photo: Picture, white: Picture, share: Floats) -> Pictur
     )
 
     def band(rows: slice) -> None:
-        known = np.isfinite(white.sigma[rows])
-        r = np.where(known, share[rows, :, None], 0.0)
-        image[rows] = (photo.image[rows] - r * white.image[rows]) / (1.0 - r)
-        noise = r * np.where(known, white.sigma[rows], 0.0)
-        sigma[rows] = np.hypot(photo.sigma[rows], noise) / (1.0 - r)
+        known, r = np.isfinite(white.sigma[rows]), share[rows, :, None]
+        removed = np.where(known, r, 0.0)
+        image[rows] = (photo.image[rows] - removed * white.image[rows]) / (1.0 - removed)
+        noise = r * np.where(known, white.sigma[rows], np.abs(white.image[rows]))
+        sigma[rows] = np.hypot(photo.sigma[rows], noise) / (1.0 - removed)
 
     run_in_bands(photo.image.shape[0], band)
     return Picture(image, sigma)

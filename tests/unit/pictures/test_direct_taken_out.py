@@ -30,7 +30,10 @@ def test_what_is_taken_out_is_what_was_put_in() -> None:
     image, error = found.image, found.sigma
     known = np.isfinite(of_white)
     assert image[known] == pytest.approx(indirect[known], rel=1e-12)
-    assert image[1, 2, 0] == coded[1, 2, 0] and error[1, 2, 0] == sigma[1, 2, 0]
+    # Of a full quad nothing is taken out, and the bar has as much as its white light puts in.
+    put_in = share[1, 2] * (direct + indirect)[1, 2, 0]
+    assert image[1, 2, 0] == coded[1, 2, 0]
+    assert error[1, 2, 0] == pytest.approx(np.hypot(sigma[1, 2, 0], put_in), rel=1e-12)
     # By draws of noise, not by the formula.
     noise = rng.standard_normal((2, 20_000)) * [[sigma[0, 0, 1]], [of_white[0, 0, 1]]]
     r = share[0, 0]
