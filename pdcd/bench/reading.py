@@ -23,7 +23,7 @@ from msgspec.structs import FieldInfo
 
 from pdcd.errors import ConfigError
 from pdcd.files.opening import UnsoundFileError
-from pdcd.files.reading import read_file
+from pdcd.files.reading import read_file, read_pipe
 from pdcd.meant import suggest_number, suggest_pair, suggest_word
 from pdcd.printable import to_one_line
 
@@ -34,6 +34,8 @@ _S = TypeVar("_S", bound=msgspec.Struct)
 
 _MAX_BYTES = 2**20
 """Longest file that is read."""
+_PIPE_S = 10.0
+"""How long who starts the program may take to write the configuration to a pipe."""
 _MAX_INTEGER = 2**53
 """Integers stay below this in every message, so that any JSON reader keeps them exactly."""
 
@@ -54,13 +56,12 @@ def read_toml(
 
     `what` names the file for people, `hint` says what to do where it cannot be read, `form` where
     it is not TOML. may_be_pipe :
-    of the configuration alone: who starts the program may hand it over by one, and waits himself.
+    of the configuration alone: who starts the program may hand it over by one.
     Raises ConfigError for what is no TOML file.
     """
     try:
         if may_be_pipe and source.is_fifo():
-            with source.open("rb") as pipe:
-                data = pipe.read(_MAX_BYTES)
+            data = read_pipe(source, _MAX_BYTES, _PIPE_S)
         else:
             data = read_file(source, _MAX_BYTES)
         return parse_toml(data.decode(), source, form)

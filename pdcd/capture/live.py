@@ -1,7 +1,8 @@
 """A live view: a pattern on the panels, and the camera's finder, until somebody ends it.
 
-The finder has a thread of its own. A camera that hangs holds the finder's thread, which is left
-behind, and not the rig's: panels go black, the job ends, and who wants the camera next is told.
+The finder has a thread of its own. A camera that is not done, or hangs, holds the finder's thread,
+which is left behind, and not the rig's: panels go black, and the job ends. Who wants the camera
+next waits until its last picture must have come, and then is told that it hangs.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +54,8 @@ class FinderThread:
         self._ends = threading.Event()
         self._changed = threading.Condition()
         self._newest: _Came | None = None
+        self._may_take_s = max(_FIRST_S, longest_s) + _OVER_S
+        self._late_s = 0.0
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="pdcd-finder", daemon=True)
 
@@ -59,10 +63,14 @@ class FinderThread:
         """Begin to ask."""
         self._thread.start()
 
-    def look(self) -> None:
-        """Raise DeviceLost while it is in a call of the finder, or between two."""
-        if self._thread.is_alive():
-            raise _make_lost()
+    def wait(self, heard: Callable[[], object]) -> None:
+        """Wait until it has left the finder. `heard()` is called meanwhile and may raise. Raises
+        DeviceLost where its last picture takes longer than it may."""
+        while self._thread.is_alive():
+            if time.monotonic() >= self._late_s:
+                raise _make_lost()
+            heard()
+            self._thread.join(_LOOK_S)
 
     def take(self, within_s: float) -> _Came | None:
         """The newest picture that was not taken yet, None where none comes within that time. Raises
@@ -77,6 +85,7 @@ class FinderThread:
     def end(self, within_s: float) -> bool:
         """Ask no more; whether the finder was left in order within that time."""
         self._ends.set()
+        self._late_s = time.monotonic() + self._may_take_s
         self._thread.join(within_s)
         return not self._thread.is_alive()
 
@@ -99,6 +108,7 @@ class FinderThread:
         while not self._ends.wait(max(0.0, due_s - time.monotonic())):
             due_s = time.monotonic() + 1.0 / _MOST_HZ
             picture = self._finder.grab(self._longest_s)
+            self._may_take_s = self._longest_s + _OVER_S
             with self._changed:
                 self._newest = time.monotonic_ns(), picture
                 self._changed.notify_all()
@@ -196,8 +206,10 @@ def _make_dark(rig: Rig, thread: FinderThread | None) -> bool:
     rig.context.shared.held = None  # not before: a virtual camera may be at its last picture
     if thread is None or ended:
         return rig.make_safe()
-    rig.look_at_finder = thread.look
-    logger.error("the camera hangs in its finder, which is left behind")
+    rig.look_at_finder = partial(thread.wait, rig.context.patience.look)
+    logger.error(
+        "the camera is not done with its last picture, or hangs: its finder is left behind"
+    )
     return rig.make_safe_beside(_GRACE_S)
 
 

@@ -8,6 +8,9 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+import select
+import stat
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,6 +34,8 @@ MAX_RAW_BYTES = 2**29
 MAX_PICTURE_BYTES = 2**31
 """Largest picture or array file of a run."""
 
+_LOOK_MS = 100.0
+"""Between two looks at a pipe, in which a signal is heard."""
 _RIGHT_FILE = "see whether it is the right file"
 Alive = Callable[[], object]
 
@@ -56,6 +61,39 @@ def read_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> bytes
     """All of a regular file that somebody else named. Raises Unsound, also for a longer one."""
     with open_file(path) as descriptor:
         return read_descriptor(descriptor, most_bytes, alive)
+
+
+def read_pipe(path: Path | str, most_bytes: int, within_s: float) -> bytes:
+    """All that is written to a FIFO that who starts the program named, as a shell's ``<(...)`` is.
+
+    Raises Unsound for more, and where nobody has written all of it within that time: a signal ends
+    the program until then.
+    """
+    give_up_s = time.monotonic() + within_s
+    try:
+        descriptor = system.open(path, system.O_RDONLY | system.O_NONBLOCK | system.O_CLOEXEC)
+        try:
+            if not stat.S_ISFIFO(system.fstat(descriptor).st_mode):
+                check_regular(system.fstat(descriptor))
+            return _read_to_end(descriptor, most_bytes, give_up_s)
+        finally:
+            system.close(descriptor)
+    except OSError as err:
+        raise make_file_error(err) from err
+
+
+def _read_to_end(descriptor: int, most_bytes: int, give_up_s: float) -> bytes:
+    data, written = b"", select.poll()
+    written.register(descriptor, select.POLLIN)
+    while left_s := max(0.0, give_up_s - time.monotonic()):
+        if not written.poll(min(1e3 * left_s, _LOOK_MS)):
+            continue
+        piece = os.read(descriptor, READ_CHUNK_BYTES)
+        if not piece:
+            return data
+        data += piece
+        _check_size(len(data), most_bytes)
+    raise UnsoundFileError("nobody writes it to its end", "write to the pipe, and close it")
 
 
 def read_descriptor(

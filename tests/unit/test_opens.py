@@ -25,7 +25,6 @@ WORDS = re.compile(rf"\b(open|encode|{'|'.join(READERS)})\(")
 
 OWN = {
     "pdcd/bench/choosing.py: system.open": "folders, to lock them",
-    "pdcd/bench/reading.py: source.open": "the configuration as a pipe, by who starts the program",
     "pdcd/capture/keeping.py: shutil.copyfile": "from one folder of its own to another, both open",
     "pdcd/cli/starting.py: log.open": "the log of a child, in a folder of its own",
     "pdcd/cli/streams.py: open": "/dev/null",

@@ -127,9 +127,8 @@ def finder(monkeypatch: pytest.MonkeyPatch) -> _Finder:
 def test_a_camera_that_hangs_is_left_behind(
     engine: Engine, finder: _Finder, over: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if over == "failed":
-        monkeypatch.setattr(live, "_FIRST_S", 0.0)
-        monkeypatch.setattr(live, "_OVER_S", 0.0)
+    monkeypatch.setattr(live, "_FIRST_S", 0.0)
+    monkeypatch.setattr(live, "_OVER_S", 0.0 if over == "failed" else 0.2)
     cancelled = finder.hangs.is_set if over == "cancelled" else lambda: False
     result = engine.live("white", job="job", tell=print, cancelled=cancelled)
     assert result.state == over and is_safe(bench_rig.bench_of(engine))
@@ -141,6 +140,16 @@ def test_a_camera_that_hangs_is_left_behind(
     (thread,) = (each for each in threading.enumerate() if each.name == "pdcd-finder")
     thread.join(60.0)
     assert bench_rig.capture(engine, REQUEST, job="job-2").state == "done"
+
+
+def test_the_next_photo_waits_for_a_picture_that_is_not_done(
+    engine: Engine, finder: _Finder
+) -> None:
+    """A view that ends before its first picture, which a camera may take its time for."""
+    result = engine.live("white", job="job", tell=print, cancelled=finder.hangs.is_set)
+    assert result.state == "cancelled"
+    threading.Timer(0.5, finder.let_go.set).start()
+    assert bench_rig.capture(engine, REQUEST).state == "done"
 
 
 @pytest.mark.parametrize("picture", [np.zeros((4, 6), np.float64), np.zeros((0, 6), np.uint8)])

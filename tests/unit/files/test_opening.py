@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import tempfile
 import threading
@@ -21,7 +22,7 @@ from pdcd.files.opening import (
     open_own,
     open_parcels,
 )
-from pdcd.files.reading import read_contents
+from pdcd.files.reading import read_contents, read_pipe
 from tests.hostile import files
 
 ROOT_USER = Asker(0, frozenset({0}))
@@ -221,3 +222,26 @@ def test_arrays_and_paths_travel_as_descriptors(folder: Path) -> None:
                 open_parcels({"kernel": array, "warp": bad}),
             ):
                 pass
+
+
+@pytest.mark.timeout(20)
+def test_a_pipe_is_read_to_its_end_within_a_time_and_a_limit(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for data, most, words in ((b"x" * 100_000, 100_000, ""), (b"x" * 9, 8, "more than the 8")):
+        writer = threading.Thread(target=write_until_closed, args=(pipe, data))
+        writer.start()
+        with none_left_open():
+            if words:
+                with pytest.raises(UnsoundFileError, match=words):
+                    read_pipe(pipe, most, 10.0)
+            else:
+                assert read_pipe(pipe, most, 10.0) == data
+        writer.join()
+    with none_left_open(), pytest.raises(UnsoundFileError, match="nobody writes"):
+        read_pipe(pipe, 8, 0.05)
+
+
+def write_until_closed(pipe: Path, data: bytes) -> None:
+    with contextlib.suppress(BrokenPipeError):
+        pipe.write_bytes(data)
