@@ -36,9 +36,16 @@ def explain_grey_levels(pairs: Iterable[PatternPair], config: Config) -> Iterato
 
 def list_grey_warnings(pairs: Iterable[PatternPair], config: Config) -> Iterator[str]:
     """What the user of a finished run must know of its grey levels."""
-    for name in find_grey_panels(pairs):
-        if is_grey_light_unknown(getattr(config, name), config):
-            yield describe_unknown_response(name)
+    return map(describe_unknown_response, find_unknown_grey_panels(pairs, config))
+
+
+def find_unknown_grey_panels(pairs: Iterable[PatternPair], config: Config) -> tuple[str, ...]:
+    """Which panels are sent grey levels of which nobody said what light they give."""
+    return tuple(
+        name
+        for name in find_grey_panels(pairs)
+        if is_grey_light_unknown(getattr(config, name), config)
+    )
 
 
 def is_grey_light_unknown(panel: PanelConfig, config: Config) -> bool:

@@ -179,6 +179,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     showed and that were not taken off."""
     room_changed: NonNegative = 0.0
     """The same by what the room's light changed between dark photos before and after the shots."""
+    grey_unknown: tuple[str, ...] = ()
+    """Panels that showed grey levels of which nobody said what light they give."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

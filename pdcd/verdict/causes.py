@@ -173,6 +173,9 @@ class Cause(Enum):
         "photo {photo}: paths have weights that are {figure} off in all parts alike (limit "
         "{limit}), and error bars are without it; look at the codes (codes_from): averaged over "
         "all pairs they do not keep what the goal wants")
+    GREY_LIGHT = VerdictRow(YES, NEVER,
+        "the {panels} showed grey levels, and nobody said what light they give: with a gamma, "
+        "paths have other weights than the goal wants; run pdcd calibrate response, or set gamma")
     # Parts miss alike what no code of any of them ever shows, so that error bars are without it.
     NEVER_LIT = VerdictRow(0.01, 0.1,
         "photo {photo}: the projector never lights {cells} in it, {figure} of the light that is "

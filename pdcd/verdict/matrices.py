@@ -40,6 +40,8 @@ _LEAST_SHOWN = 0.05
 def judge_matrices(seen: Evidence) -> Iterator[VerdictFinding]:
     """All that is said of the matrices of the answer's photos."""
     yield from judge(Cause.TORN, warp_tear_share(seen.photos, seen.records))
+    grey = seen.record.grey_unknown
+    yield from judge(Cause.GREY_LIGHT, float(len(grey)), panels=" and the ".join(grey))
     for photo in seen.photos:
         one = seen.deviations[photo.name]
         yield from judge(Cause.DIRECT_WEIGHT, abs(one.diagonal_mean), photo=photo.name)

@@ -96,6 +96,8 @@ def test_gamma_that_nobody_knows_spoils_the_photo_and_is_warned_of(tmp_path: Pat
     told = [text for text in made.warnings if "grey levels, and what light they give" in text]
     assert {text.split()[1] for text in told} == {"projector", "mask"}
     assert any("projector.gamma" in text for text in told)
+    assert made.quality.verdict != "good"
+    assert any("nobody said what light they give" in text for text in made.quality.reasons)
 
 
 def test_codes_of_black_and_white_need_no_curve(tmp_path: Path) -> None:

@@ -257,7 +257,7 @@ def test_who_works_here_runs_out_of_memory_in_the_same_words() -> None:
 def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench() -> None:
     plan: Any = SimpleNamespace(
         recipe=SimpleNamespace(target=SimpleNamespace(goal="goal", grid=(3, 4))),
-        how=CaptureScheme(pilot=8), smooth=True, dark="dark", leaks=None,
+        how=CaptureScheme(pilot=8), smooth=True, dark="dark", leaks=None, patterns={},
     )  # fmt: skip
     config: Any = SimpleNamespace(
         schedule=SimpleNamespace(normalise="theirs"), projector="projector", mask="mask",
@@ -279,6 +279,7 @@ def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench
             "responsivity_e": (1.0, 2.0, 3.0), "profile": "profile", "shots": ("shot",),
             "camera_place": "place", "blur_quads": 0.5, "white_patch": "patch",
             "dark": "dark", "leak": 0.0, "room_changed": 0.0, "panels": None, "room": None,
+            "grey_unknown": (),
             "borders": None, "stops": (), "scale": AbsoluteScale("of a nominal camera"),
         }  # fmt: skip
     cases: list[Any] = [("none", 0.1, 0.2), ("none", 0.2, 0.0), ("ambient", 0.1, 0.0)]
