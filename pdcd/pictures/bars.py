@@ -50,7 +50,7 @@ from pdcd.pictures.to_cells import (
 from pdcd.pictures.to_quads import spread_errors
 from pdcd.pictures.weights import weigh_cells
 from pdcd.recipes.parts import FEWEST_PARTS, list_parts, select_parts
-from pdcd.recipes.recipe import Extremes, Recipe, RecipePhoto
+from pdcd.recipes.recipe import Extremes, Recipe, RecipePhoto, list_rule_photos
 from pdcd.runs.record import RunRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
@@ -265,8 +265,7 @@ def add_known_errors(
     coded = {p.name for p in recipe.photos if any(_is_coded(recipe, name) for _, name in p.shots)}
     found = {}
     for name, picture in pictures.items():
-        rule = recipe.pictures[name]
-        photos = rule.photos if isinstance(rule, Extremes) else [one for _, one in rule]
+        photos = list_rule_photos(recipe.pictures[name])
         none: Errors = np.zeros_like(picture.sigma)
         found[name] = with_error_bars(picture, none, "sensor" if coded & set(photos) else "whole")
     return found

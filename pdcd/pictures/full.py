@@ -14,7 +14,7 @@ import numpy as np
 
 from pdcd.arrays import Bools
 from pdcd.pictures.exposed import RawShot
-from pdcd.recipes.recipe import Extremes, Recipe
+from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.dead import can_tell_samples, find_always_full_samples
 
@@ -28,7 +28,7 @@ def find_full_quads(
     they are dead; None where nobody could tell. Samples that are white whatever they see do not
     count where any shot tells (`pdcd.sensor.dead.find_always_full_samples`).
     """
-    names = [name for name in _list_answer_shots(recipe) if name in shots]
+    names = [name for name in recipe.answer_shots if name in shots]
     if not names:
         return None
     full: Bools = np.logical_or.reduce([shots[name].saturated for name in names])
@@ -38,15 +38,3 @@ def find_full_quads(
         frames = ((shot.raw, shot.profile.saturation_dn(shot.iso)) for shot in shots.values())
         full = full & ~find_always_full_samples(full, frames)
     return full if full.any() else None
-
-
-def _list_answer_shots(recipe: Recipe) -> list[str]:
-    """Names of the shots that the answer is made of, single codes of a sum included."""
-    rule = recipe.answer
-    photos = rule.photos if isinstance(rule, Extremes) else [name for _, name in rule]
-    there, found = {shot.name for shot in recipe.shots}, dict[str, None]()
-    for photo in recipe.photos:
-        if photo.name in photos:
-            for _, name in photo.shots:
-                found |= dict.fromkeys([name] if name in there else recipe.stack)
-    return [*found]

@@ -18,7 +18,7 @@ from pdcd.arrays import Bools, Floats
 from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.to_cells import CellLight, average_shot
 from pdcd.pictures.weights import RealisedShot, weigh_cells
-from pdcd.recipes.recipe import Extremes, Recipe, RecipePhoto, Rule
+from pdcd.recipes.recipe import Extremes, Recipe, RecipePhoto, Rule, list_rule_photos
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
@@ -194,11 +194,7 @@ def _answer_rules(recipe: Recipe) -> list[Rule]:
 
 def _answer_photos(recipe: Recipe) -> dict[str, None]:
     """Names of the photos that these are made of."""
-    return dict.fromkeys(name for rule in _answer_rules(recipe) for name in _photos(rule))
-
-
-def _photos(rule: Rule) -> tuple[str, ...]:
-    return rule.photos if isinstance(rule, Extremes) else tuple(name for _, name in rule)
+    return dict.fromkeys(name for rule in _answer_rules(recipe) for name in list_rule_photos(rule))
 
 
 def _of_photo(
@@ -222,7 +218,7 @@ def _of_photo(
 
 
 def _of_rule(rule: Rule, photos: Mapping[str, LeakAnswer]) -> LeakAnswer:
-    taken = [photos[name] for name in _photos(rule)]
+    taken = [photos[name] for name in list_rule_photos(rule)]
     seen = taken[0].seen
     if isinstance(rule, Extremes):
         images = np.stack([photo.image for photo in taken])

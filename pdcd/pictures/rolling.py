@@ -34,7 +34,7 @@ from pdcd.pictures.sigma import (
 )
 from pdcd.pictures.to_cells import average_light, average_part, choose_part_cells
 from pdcd.recipes.parts import FEWEST_PARTS, select_parts
-from pdcd.recipes.recipe import Extremes, Recipe
+from pdcd.recipes.recipe import Recipe, list_rule_photos
 from pdcd.runs.record import ShotRecord
 from pdcd.watch import Watch
 
@@ -193,7 +193,7 @@ def keep_answer(recipe: Recipe) -> Recipe:
     """The recipe of the answer alone, with the photos that it needs: a white one tells how much
     direct light got into one of indirect light."""
     rule = recipe.answer
-    names = set(rule.photos if isinstance(rule, Extremes) else (name for _, name in rule))
+    names = set(list_rule_photos(rule))
     photos = {photo.name: photo for photo in recipe.photos}
     white = list_white_photos(recipe)
     if white and any(photos[name].wanted.uniform == (0.0, 1.0) for name in names):

@@ -41,7 +41,7 @@ from pdcd.protocol.plan_summary import Prediction
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NO_ARRAYS, Given
 from pdcd.recipes.parts import FEWEST_PARTS
-from pdcd.recipes.recipe import Extremes, Shot
+from pdcd.recipes.recipe import Shot
 from pdcd.virtual.scene.scene import Scene
 from pdcd.watch import Watch
 
@@ -304,9 +304,7 @@ class _Draft:
         recipe = self.plan.recipe
         if split:
             return not shot.white
-        rule = recipe.answer
-        names = rule.photos if isinstance(rule, Extremes) else tuple(name for _, name in rule)
-        photos = [photo for photo in recipe.photos if photo.name in names]
+        photos = recipe.answer_photos
         return any(shot.name == name for photo in photos for _, name in photo.shots)
 
 

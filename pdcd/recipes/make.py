@@ -27,7 +27,15 @@ from pdcd.recipes.programs import (
     BlockProgram,
     FloodlitProgram,
 )
-from pdcd.recipes.recipe import Combination, Extremes, Recipe, RecipePhoto, Rule, Shot
+from pdcd.recipes.recipe import (
+    Combination,
+    Extremes,
+    Recipe,
+    RecipePhoto,
+    Rule,
+    Shot,
+    list_rule_photos,
+)
 from pdcd.recipes.transport import make_transport_recipe
 
 
@@ -206,7 +214,9 @@ def narrow_to_shots(recipe: Recipe, names: Container[str]) -> Recipe:
             photos.append(replace(photo, shots=terms))
     there = {photo.name for photo in photos}
     pictures = {
-        name: rule for name, rule in recipe.pictures.items() if all(p in there for p in _of(rule))
+        name: rule
+        for name, rule in recipe.pictures.items()
+        if all(p in there for p in list_rule_photos(rule))
     }
     return replace(
         recipe,
@@ -240,8 +250,3 @@ def _balanced(terms: Combination, names: Container[str], origin: Mapping[str, st
             found.append((sign, name))
     fewest = min(map(len, repeats.values()), default=0)
     return tuple(term for found in repeats.values() for term in found[:fewest])
-
-
-def _of(rule: Rule) -> tuple[str, ...]:
-    """Photos that a picture is made of."""
-    return rule.photos if isinstance(rule, Extremes) else tuple(name for _, name in rule)

@@ -21,7 +21,7 @@ from pdcd.probing.wanted import UniformPart
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.maker import RecipeMaker, match_own_cells
 from pdcd.recipes.programs import CodedProgram
-from pdcd.recipes.recipe import Extremes, Recipe, RecipePhoto, Rule, Shot
+from pdcd.recipes.recipe import Recipe, RecipePhoto, Rule, Shot
 
 FEWEST_PARTS = 4
 """Parts from which on their spread says more than a model of the scene does."""
@@ -155,9 +155,7 @@ def repeat_shots(recipe: Recipe, count: int) -> Recipe:
     """
     if count == 1:
         return recipe
-    rule = recipe.answer
-    names = rule.photos if isinstance(rule, Extremes) else tuple(name for _, name in rule)
-    copied = {shot for p in recipe.photos if p.name in names for _, shot in p.shots}
+    copied = {shot for photo in recipe.answer_photos for _, shot in photo.shots}
     shots: list[Shot] = []
     for shot in recipe.shots:
         shots.append(shot)

@@ -128,6 +128,21 @@ class Recipe:
         return self.pictures[self.answer_name]
 
     @property
+    def answer_photos(self) -> tuple[RecipePhoto, ...]:
+        """The photos that the answer is made of."""
+        names = list_rule_photos(self.answer)
+        return tuple(photo for photo in self.photos if photo.name in names)
+
+    @property
+    def answer_shots(self) -> tuple[str, ...]:
+        """Names of their shots, single codes of sums included."""
+        there, found = {shot.name for shot in self.shots}, dict[str, None]()
+        for photo in self.answer_photos:
+            for _, name in photo.shots:
+                found |= dict.fromkeys([name] if name in there else self.stack)
+        return tuple(found)
+
+    @property
     def main(self) -> str:
         """The photo of the answer that speaks for its light and its codes."""
         rule = self.answer
@@ -150,6 +165,11 @@ class Recipe:
             for weight, part in photos[name].parts
         ]
         return WantedMatrix(self.target.grid, tuple(parts), light if alike else None)
+
+
+def list_rule_photos(rule: Rule) -> tuple[str, ...]:
+    """Names of the photos that a picture is made of."""
+    return rule.photos if isinstance(rule, Extremes) else tuple(name for _, name in rule)
 
 
 def _same(light: Floats | None, other: Floats | None) -> bool:

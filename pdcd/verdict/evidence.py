@@ -6,7 +6,6 @@ those. So it takes the same few hundredths of a second for a frame of any size.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,7 +20,7 @@ from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.picture import PictureWithErrors
 from pdcd.probing.deviation import Deviation
 from pdcd.probing.realised import Factors, sum_signed_factors
-from pdcd.recipes.recipe import Extremes, RecipePhoto, Shot
+from pdcd.recipes.recipe import RecipePhoto, Shot
 from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.verdict.placement import LightSample
@@ -109,17 +108,12 @@ class Evidence:
     @cached_property
     def photos(self) -> list[RecipePhoto]:
         """Those that the answer is made of."""
-        rule = self.decoded.recipe.answer
-        names = rule.photos if isinstance(rule, Extremes) else [name for _, name in rule]
-        return [photo for photo in self.decoded.recipe.photos if photo.name in names]
+        return list(self.decoded.recipe.answer_photos)
 
     @cached_property
     def names(self) -> list[str]:
         """Names of their shots, single codes included."""
-        found, recipe = dict[str, None](), self.decoded.recipe
-        for _, name in itertools.chain.from_iterable(photo.shots for photo in self.photos):
-            found |= dict.fromkeys([name] if name in self.decoded.shots else recipe.stack)
-        return [*found]
+        return list(self.decoded.recipe.answer_shots)
 
     @cached_property
     def thin(self) -> PixelSample:

@@ -27,7 +27,7 @@ from pdcd.pictures.to_cells import average_with_errors
 from pdcd.pictures.written.previews import encode_gamma
 from pdcd.protocol.stream import MOST_DRAWN_PX
 from pdcd.recipes.parts import list_parts
-from pdcd.recipes.recipe import Extremes, Recipe, Shot
+from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.runs.frame_table import restore_frames
 from pdcd.runs.record import ShotRecord
 from pdcd.watch import Watch
@@ -199,9 +199,7 @@ def make_rounds(recipe: Recipe) -> list[tuple[int, tuple[Shot, ...]]]:
         for shot in recipe.shots
         if shot.name in wanted and shot.name not in recipe.stack and not shot.beside
     ]
-    rule = recipe.answer
-    mains = set(rule.photos if isinstance(rule, Extremes) else (name for _, name in rule))
-    of_answer = {n for photo in recipe.photos if photo.name in mains for _, n in photo.shots}
+    of_answer = {name for photo in recipe.answer_photos for _, name in photo.shots}
     shared = [shot for shot in taken if not shot.part]
     each = any(shot.name in of_answer for shot in shared)
     parts = list_parts(recipe)
