@@ -79,6 +79,21 @@ def open_own(path: Path | str) -> int:
     return _sure(descriptor)
 
 
+def open_pipe(path: Path | str) -> int:
+    """A descriptor of a FIFO, without waiting for who writes to it.
+
+    The caller closes it. Raises Unsound.
+    """
+    try:
+        descriptor = system.open(path, _READ)
+        if not stat.S_ISFIFO(system.fstat(descriptor).st_mode):
+            system.close(descriptor)
+            raise UnsoundFileError("it is no FIFO any more", "name it again")
+    except OSError as err:
+        raise make_file_error(err) from err
+    return descriptor
+
+
 def open_beneath(folder: Path, name: str, asker: Asker) -> int:
     """A descriptor of a regular file below a folder, if the asker could read it as well.
 

@@ -9,7 +9,6 @@ import hashlib
 import io
 import os
 import select
-import stat
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ from pdcd.files.opening import (
     check_regular,
     make_file_error,
     open_own,
+    open_pipe,
 )
 from pdcd.files.system import system
 from pdcd.printable import to_one_line
@@ -34,8 +34,6 @@ MAX_RAW_BYTES = 2**29
 MAX_PICTURE_BYTES = 2**31
 """Largest picture or array file of a run."""
 
-_LOOK_MS = 100.0
-"""Between two looks at a pipe, in which a signal is heard."""
 _RIGHT_FILE = "see whether it is the right file"
 Alive = Callable[[], object]
 
@@ -66,28 +64,22 @@ def read_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> bytes
 def read_pipe(path: Path | str, most_bytes: int, within_s: float) -> bytes:
     """All that is written to a FIFO that who starts the program named, as a shell's ``<(...)`` is.
 
-    Raises Unsound for more, and where nobody has written all of it within that time: a signal ends
-    the program until then.
+    Raises Unsound for more, and where nobody has written all of it within that time.
     """
     give_up_s = time.monotonic() + within_s
+    descriptor = open_pipe(path)
     try:
-        descriptor = system.open(path, system.O_RDONLY | system.O_NONBLOCK | system.O_CLOEXEC)
-        try:
-            if not stat.S_ISFIFO(system.fstat(descriptor).st_mode):
-                check_regular(system.fstat(descriptor))
-            return _read_to_end(descriptor, most_bytes, give_up_s)
-        finally:
-            system.close(descriptor)
+        return _read_to_end(descriptor, most_bytes, give_up_s)
     except OSError as err:
         raise make_file_error(err) from err
+    finally:
+        system.close(descriptor)
 
 
 def _read_to_end(descriptor: int, most_bytes: int, give_up_s: float) -> bytes:
     data, written = b"", select.poll()
     written.register(descriptor, select.POLLIN)
-    while left_s := max(0.0, give_up_s - time.monotonic()):
-        if not written.poll(min(1e3 * left_s, _LOOK_MS)):
-            continue
+    while written.poll(1e3 * max(0.0, give_up_s - time.monotonic())):
         piece = os.read(descriptor, READ_CHUNK_BYTES)
         if not piece:
             return data
