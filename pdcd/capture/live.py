@@ -54,20 +54,25 @@ class FinderThread:
         self._ends = threading.Event()
         self._changed = threading.Condition()
         self._newest: _Came | None = None
-        self._may_take_s = max(_FIRST_S, longest_s) + _OVER_S
-        self._late_s = 0.0
+        self._due_s = 0.0
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="pdcd-finder", daemon=True)
 
     def start(self) -> None:
         """Begin to ask."""
+        self._expect(_FIRST_S)
         self._thread.start()
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the next picture ought to have come."""
+        return time.monotonic() > self._due_s
 
     def wait(self, heard: Callable[[], object]) -> None:
         """Wait until it has left the finder. `heard()` is called meanwhile and may raise. Raises
         DeviceLost where its last picture takes longer than it may."""
         while self._thread.is_alive():
-            if time.monotonic() >= self._late_s:
+            if self.is_late:
                 raise _make_lost()
             heard()
             self._thread.join(_LOOK_S)
@@ -85,7 +90,6 @@ class FinderThread:
     def end(self, within_s: float) -> bool:
         """Ask no more; whether the finder was left in order within that time."""
         self._ends.set()
-        self._late_s = time.monotonic() + self._may_take_s
         self._thread.join(within_s)
         return not self._thread.is_alive()
 
@@ -103,12 +107,16 @@ class FinderThread:
                 self._error = err
                 self._changed.notify_all()
 
+    def _expect(self, more_s: float = 0.0) -> None:
+        """A picture is to come within what one may take, and so many seconds."""
+        self._due_s = time.monotonic() + more_s + self._longest_s + _OVER_S
+
     def _ask(self) -> None:
         due_s = 0.0
         while not self._ends.wait(max(0.0, due_s - time.monotonic())):
             due_s = time.monotonic() + 1.0 / _MOST_HZ
             picture = self._finder.grab(self._longest_s)
-            self._may_take_s = self._longest_s + _OVER_S
+            self._expect()
             with self._changed:
                 self._newest = time.monotonic_ns(), picture
                 self._changed.notify_all()
@@ -144,7 +152,7 @@ def run_live_view(
             made = LiveFrames(rig.config, None if camera is None else camera.frame_quads)
             thread = FinderThread(finder, longest_s)
             thread.start()
-            _pass_on(thread, longest_s + _OVER_S, made, tell, cancelled, ended)
+            _pass_on(thread, made, tell, cancelled, ended)
         except BaseException as err:
             if isinstance(err, KeyboardInterrupt):
                 raise
@@ -176,22 +184,19 @@ def _make_finder(rig: Rig) -> tuple[Preview, float]:
 
 def _pass_on(
     thread: FinderThread,
-    silent_s: float,
     made: LiveFrames,
     tell: Callable[[LiveFrame], object],
     cancelled: _Asked,
     ended: _Asked,
 ) -> None:
     """Tell of each picture until the end. Raises what ends it otherwise."""
-    heard_s = time.monotonic() + _FIRST_S
     while not ended():
         if cancelled():
             raise _make_end()
         came = thread.take(_LOOK_S)
         if came is not None:
-            heard_s = time.monotonic()
             tell(made.make(came[1], came[0]))
-        elif time.monotonic() - heard_s > silent_s:
+        elif thread.is_late:
             raise _make_lost()
 
 
