@@ -64,19 +64,19 @@ def judge_meeting(
         light = compare_with_blocks(coded, look.direct)
     if light is None:
         return []
-    lost = 1.0 - light.shown / light.there
-    if look is not None and look.mask is not None:
+    lost, placed = 1.0 - light.shown / light.there, look is not None and look.mask is not None
+    if placed:
         lost = _find_unexplained(seen, lost)
     sure = min(lost - light.unsure, 1.0)
     if sure < _LEAST_LOST:
         return []
-    row, figure = Cause.CODES_APART, _share_of_answer(seen, light.there, min(lost, 1.0))
+    lost = min(lost, 1.0)
     return judge(
-        row,
-        figure,
-        row.value.grade(_share_of_answer(seen, light.there, sure)),
-        lost=min(lost, 1.0),
-        elsewhere="" if look is not None and look.mask is not None else ", or elsewhere",
+        Cause.CODES_APART,
+        _share_of_answer(seen, light.there, lost),
+        Cause.CODES_APART.value.grade(_share_of_answer(seen, light.there, sure)),
+        lost=lost,
+        elsewhere="" if placed else ", or elsewhere",
     )
 
 

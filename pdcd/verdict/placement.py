@@ -82,16 +82,9 @@ def list_panel_symmetries(grid: tuple[int, int]) -> dict[str, Indices]:
     return {name: np.ascontiguousarray(way.ravel()) for name, way in ways.items()}
 
 
-def estimate_direct_shares(samples: Sequence[LightSample], grid: tuple[int, int]) -> Floats:
-    """Share of direct light in all light, around every cell that is lit, (M,); M is 0 where the
-    photos do not tell it. For the verdict."""
-    shares = map_direct_shares(samples, grid)
-    return shares[np.isfinite(shares)]
-
-
 def map_direct_shares(samples: Sequence[LightSample], grid: tuple[int, int]) -> Floats:
-    """The same of every cell, (N,); NaN where it is not lit, and everywhere where the photos do not
-    tell it.
+    """Share of direct light in all light around every cell, (N,); NaN where it is not lit, and
+    everywhere where the photos do not tell it. For the verdict.
 
     The light of a cell in each photo is ``d D + o I``: d from `coaxial`, o the mean weight of all
     other cells. D and I follow by least squares. Only for photos that want all other cells alike.

@@ -12,10 +12,10 @@ from pdcd.sensor.cells import CellMap
 from pdcd.verdict.evidence import PIXELS_PER_CELL, PixelSample
 from pdcd.verdict.placement import (
     LightSample,
-    estimate_direct_shares,
     fit_fingerprints,
     fit_stack_fingerprints,
     list_panel_symmetries,
+    map_direct_shares,
 )
 
 GRID = (12, 12)
@@ -32,6 +32,12 @@ def codes(rows: int, seed: int = 0) -> Factors:
 def white() -> Factors:
     one = np.ones((1, CELLS))
     return Factors(one, one, np.ones(CELLS), np.ones(CELLS))
+
+
+def known_shares(samples: list[LightSample], grid: tuple[int, int]) -> Floats:
+    """Shares of direct light of the cells of which photos tell it."""
+    shares = map_direct_shares(samples, grid)
+    return shares[np.isfinite(shares)]
 
 
 def seen(realised: Factors, way: NDArray[np.int64], direct: float, other: float) -> Floats:
@@ -74,10 +80,10 @@ def test_share_of_direct_light() -> None:
     cells = np.arange(CELLS)
     coded, lit = codes(256), white()
     whole = LightSample(0.7 + 0.3 * np.ones(CELLS), lit)
-    sound = estimate_direct_shares([whole, LightSample(seen(coded, cells, 0.0, 0.3), coded)], GRID)
+    sound = known_shares([whole, LightSample(seen(coded, cells, 0.0, 0.3), coded)], GRID)
     assert np.median(sound) == pytest.approx(0.7, abs=0.05)
     elsewhere = seen(coded, np.roll(cells, 1), 0.7, 0.3)
-    lost = estimate_direct_shares([whole, LightSample(elsewhere, coded)], GRID)
+    lost = known_shares([whole, LightSample(elsewhere, coded)], GRID)
     assert abs(float(np.median(lost))) < 0.05
 
 
@@ -85,9 +91,9 @@ def test_share_of_direct_light() -> None:
 def test_light_that_tells_nothing(light: float) -> None:
     nothing = np.full(CELLS, light)
     one = LightSample(nothing, codes(8))
-    assert estimate_direct_shares([one, LightSample(nothing, white())], GRID).size == 0
-    assert estimate_direct_shares([one, one], GRID).size == 0
-    assert estimate_direct_shares([one], GRID).size == 0
+    assert known_shares([one, LightSample(nothing, white())], GRID).size == 0
+    assert known_shares([one, one], GRID).size == 0
+    assert known_shares([one], GRID).size == 0
     assert list(fit_fingerprints(one, GRID)) == []
     assert list(fit_stack_fingerprints([one, one], GRID)) == []
     assert list(fit_stack_fingerprints([], GRID)) == []
@@ -98,7 +104,7 @@ def test_few_cells_say_nothing() -> None:
     alone = Factors(one, one, np.ones(1), np.ones(1))
     sample = LightSample(np.ones(1), alone)
     assert list(fit_fingerprints(sample, (1, 1))) == []
-    assert estimate_direct_shares([sample, sample], (1, 1)).size == 0
+    assert known_shares([sample, sample], (1, 1)).size == 0
     assert list(fit_stack_fingerprints([sample, sample], (1, 1))) == []
 
 

