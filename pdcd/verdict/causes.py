@@ -68,8 +68,8 @@ class Cause(Enum):
     FIELD_UNSEEN = VerdictRow(NEVER, YES,
         "shot {shot}: no pixel of the camera sees the field")
     NO_LIGHT = VerdictRow(NEVER, 5.0,
-        "shot {shot}: no light, its mean is {figure:.2g} times its error (limit {limit:g}); look "
-        "at lens cap, shutter, projector and mask", falls=True)
+        "shot {shot}: no light, its mean is {figure:.2g} times its error (limit {limit:g}); check "
+        "lens cap, shutter, projector and mask", falls=True)
     UNDER_EXPOSED = VerdictRow(0.3, 1.0,
         "shot {shot} is under-exposed: its noise is {figure} of its light (limit {limit}); open "
         "the aperture, or expose longer")
@@ -80,20 +80,19 @@ class Cause(Enum):
     # A white card gets 5 % in a lit room; bright places of scenes reflect half as much and more.
     ROOM = VerdictRow(0.1, 1.0,
         "ambient or stray light: in shot {shot} the room's light is {figure} of white (limit "
-        "{limit}); it is taken off, but what it changes by from photo to photo is not: darken the "
-        "room")
+        "{limit}); it is subtracted, but its changes from photo to photo are not: darken the room")
     # Without a white photo: a shot of codes may be dark as its scene has little of what is wanted.
     STRAY = VerdictRow(0.25, 1.0,
         "ambient or stray light: beyond what the panels let through, shot {shot} has {figure} of "
-        "the light of the lit shot (limit {limit}); it is taken off, but what it changes by from "
-        "photo to photo is not: darken the room, or cover the way of the light")
+        "the light of the lit shot (limit {limit}); it is subtracted, but its changes from photo "
+        "to photo are not: darken the room, or block the path of that light")
     # Black ink has more light than panels' black lets through.
     DARK_CELLS = VerdictRow(NEVER, NEVER,
         "{dark} have no light in the white photo ({figure}): black things, or pixels that a panel "
         "does not show", remark=0.01)
     DARK_LINES = VerdictRow(0.01, NEVER,
         "{dark} have no light in the white photo ({figure}, limit {limit}), among them {lines} "
-        "between lit ones, as of a panel that does not show part of its picture; look at a white "
+        "between lit ones, as if a panel did not show part of its picture; look at a white "
         "picture on [mask] and on [projector]")
     MISSED = VerdictRow(YES, NEVER,
         "{missed} refreshes were missed in {shots}, so that codes got unequal light; let nothing "
@@ -102,68 +101,67 @@ class Cause(Enum):
         "the shutter closed {early_s:.3g} s before the panels went black in {shots}; give the "
         "shutter more time (trigger lag)")
     UNVERIFIED = VerdictRow(YES, NEVER,
-        "presentation times are not verified in {shots} (time source {source}): nobody knows "
-        "whether refreshes were lost; use a display with a verified time source")
+        "presentation times are not verified in {shots} (time source {source}), so refreshes may "
+        "have been lost; use a display with a verified time source")
     EXPOSURE_TIMES = VerdictRow(YES, NEVER,
         f"{{shots}}: {{conflict}} (limit the larger of {OFF_S:g} s and {to_percent(OFF_SHARE)}); "
-        "see that nothing stops this program, that the camera stands at bulb, and look at the "
-        "shutter's cable")
+        "make sure that nothing suspends this program and that the camera is set to bulb, and "
+        "check the shutter's cable")
     # Cameras stop a fifth below their highest number at most; one bit is a factor of 2. Either the
     # profile or the file may be right.
     LEVELS = VerdictRow(1.5, NEVER,
-        "photos go {reach:g} DN from black to white, {times:.3g} times as far as sensor profile "
-        "{profile} has it (limit {limit:g} times either way), by whose numbers electrons and noise "
-        "were worked out; name this camera's own in camera.profile, or run pdcd calibrate sensor")
+        "photos span {reach:g} DN from black to white, {times:.3g} times as many as in sensor "
+        "profile {profile} (limit {limit:g} times either way), from which electrons and noise were "
+        "computed; name this camera's own in camera.profile, or run pdcd calibrate sensor")
 
     # Places of panels and camera, by light that follows codes, and by photos of blocks.
     # Misplaced panels have 0.5 to 1 of the light follow their codes, others up to 0.2.
     WRONG_WAY = VerdictRow(NEVER, 0.3,
-        "a panel is {how}: {figure} of the light follows codes that lie so (limit {limit}); look "
-        "at [projector.place], [mask.place] and [camera.place]")
+        "a panel is {how}: {figure} of the light follows codes placed that way (limit {limit}); "
+        "check [projector.place], [mask.place] and [camera.place]")
     LESS_THAN_NO_DIRECT = VerdictRow(NEVER, -0.2,
-        "the coded photo has more light than all there is (direct light {figure}, limit {limit}): "
+        "the coded photo has more light than there can be (direct light {figure}, limit {limit}): "
         "a panel is inverted, or shows its codes whole refreshes late, or there is much ambient "
-        "light; look at the polarisers of the mask, run pdcd calibrate timing, or measure with "
+        "light; check the polarisers of the mask, run pdcd calibrate timing, or measure with "
         "black_level ambient", falls=True)
     # A tenth of all cells must have so much: of misplaced panels 0.05, of the virtual scenes 0.9.
     NO_DIRECT = VerdictRow(0.15, NEVER,
         "no direct light in the scene (at most {figure} in nine of ten places, limit {limit}): "
-        "mask and projector do not show the same place, or one is much out of focus; look at "
+        "mask and projector do not show the same place, or one is far out of focus; check "
         "[projector.place], [mask.place] and [camera.place]", falls=True)
     # Less than 3 % of the direct light is the error of telling, whatever it is of the answer.
     CODES_APART = VerdictRow(0.06, 0.3,
-        "codes of the panels do not meet: {lost} of the direct light comes by codes that are not "
-        "its own, {figure} of the answer (limit {limit}); the mask likely shows its codes later or "
-        "earlier than believed, or slowly{elsewhere}: run pdcd calibrate timing, or set skew_s, "
-        "rise_s and fall_s in [mask]")
+        "codes of the panels do not meet: {lost} of the direct light passes under codes that are "
+        "not its own, {figure} of the answer (limit {limit}); the mask probably shows its codes "
+        "later, earlier or more slowly than configured{elsewhere}: run pdcd calibrate timing, or "
+        "set skew_s, rise_s and fall_s in [mask]")
     NOBODY_LOOKED = VerdictRow(YES, NEVER,
-        "nobody looked whether panels and camera lie where they are believed to: {why}; run pdcd "
-        "calibrate geometry")
+        "the places of panels and camera were not checked: {why}; run pdcd calibrate geometry")
     PROJECTOR_UNSEEN = VerdictRow(YES, NEVER,
-        "nobody knows whether both panels lie alike: blocks on the projector are not seen in the "
-        "scene, which has hardly any direct light, or the projector is out of focus or lies "
-        "elsewhere; look at a plain card, or run pdcd calibrate geometry")
+        "it is not known whether both panels show the same place: the camera does not see blocks "
+        "on the projector; the scene has hardly any direct light, or the projector is out of focus "
+        "or misplaced; try a plain card, or run pdcd calibrate geometry")
     MASK_UNSEEN = VerdictRow(YES, NEVER,
-        "nobody knows where the mask lies: blocks on it are not seen by the camera; look at its "
+        "it is not known where the mask lies: the camera does not see blocks on it; check its "
         "picture, its polarisers and the camera's focus, and run pdcd calibrate geometry")
     MASK_PLACE = VerdictRow(0.06, 0.4,
         "the mask's picture {lies} [mask.place] says: {lost} of the direct light goes through "
         "wrong cells, {figure} of the answer (limit {limit}), and a quarter of a cell is "
         "{quarter_px:.3g} px; {mend}")
     CAMERA_PLACE = VerdictRow(0.5, NEVER,
-        "what the camera sees {lies} [camera.place] says, and half a cell is {half_px:.3g} px: "
-        "pixels count as seeing other cells than they do; {mend}")
+        "the camera's view {lies} [camera.place] says, and half a cell is {half_px:.3g} px: "
+        "pixels are counted to wrong cells; {mend}")
     BESIDE_MASK = VerdictRow(0.06, NEVER,
-        "{part} of the field lies beside the mask's picture, and nothing is known there: were it "
-        "as bright as next to it, {figure} of the answer would be missing (limit {limit}); run "
+        "{part} of the field lies outside the mask's picture, and nothing is known there: if it is "
+        "as bright as the field next to it, {figure} of the answer is missing (limit {limit}); run "
         "pdcd calibrate geometry, or move the mask", remark=0.0)
 
     # Probing matrices, as the panels realised them.
     TORN = VerdictRow(0.1, 0.5,
         "{figure} of the cells share windows with others that are matched with another place "
-        "(limit {limit}), and see that; take whole windows")
+        "(limit {limit}), and see that place, too; take whole windows")
     DIRECT_WEIGHT = VerdictRow(0.1, 0.5,
-        "photo {photo}: direct light has a weight that is {figure} off (limit {limit}); look at "
+        "photo {photo}: direct light has a weight that is {figure} off (limit {limit}); check "
         "contrast, guards and offset of the panels, or take more codes")
     # A single path may be wrong by 1 where codes are few: sums over many paths are not.
     PATH_WEIGHTS = VerdictRow(1.0, 3.0,
@@ -171,43 +169,43 @@ class Cause(Enum):
     # Quarter windows have up to 0.19 of goals with edges in the wanted matrix.
     COMMON_WEIGHTS = VerdictRow(0.3, 0.6,
         "photo {photo}: paths have weights that are {figure} off in all parts alike (limit "
-        "{limit}), and error bars are without it; look at the codes (codes_from): averaged over "
-        "all pairs they do not keep what the goal wants")
+        "{limit}), which error bars do not include; check the codes (codes_from): averaged over "
+        "all pairs they do not keep the light that the goal wants")
     GREY_LIGHT = VerdictRow(YES, NEVER,
-        "the {panels} showed grey levels, and nobody said what light they give: with a gamma, "
+        "the {panels} showed grey levels, and it is not known what light they give: with a gamma, "
         "paths have other weights than the goal wants; run pdcd calibrate response, or set gamma")
     # Parts miss alike what no code of any of them ever shows, so that error bars are without it.
     NEVER_LIT = VerdictRow(0.01, 0.1,
-        "photo {photo}: the projector never lights {cells} in it, {figure} of the light that is "
-        "wanted by its weights (limit {limit}), and error bars are without it; look at the codes "
-        "(codes_from), or at [projector]")
+        "photo {photo}: the projector never lights {cells}, which have {figure} of the wanted "
+        "weights (limit {limit}), and error bars do not include that; check the codes "
+        "(codes_from), or [projector]")
     NEVER_OPEN = VerdictRow(0.01, NEVER,
-        "photo {photo}: the mask never opens {cells} in it, {figure} of the field (limit {limit}), "
-        "and nothing is known there; look at the codes (codes_from), or at [mask]")
+        "photo {photo}: the mask never opens {cells}, {figure} of the field (limit {limit}), and "
+        "nothing is known there; check the codes (codes_from), or [mask]")
     DIRECT_BY_CELL = VerdictRow(0.3, 1.0,
         "photo {photo}: direct light has weights that are {figure} off from cell to cell (RMS, "
-        "limit {limit}); look at guards, lag and offset of the panels, or take more codes")
+        "limit {limit}); check guards, lag and offset of the panels, or take more codes")
     DIRECT_LEFT = VerdictRow(0.15, 0.5,
         "{figure} of the picture is direct light (limit {limit}), as it has a weight of {weight}; "
-        "take quarter windows, and look at contrast, guards and places of the panels")
+        "take quarter windows, and check contrast, guards and places of the panels")
     # A third of it may be wrong: what leaks goes by the exponential of times known to ten percent.
     DIRECT_TAKEN_OUT = VerdictRow(0.45, 1.5,
-        "direct light as strong as {figure} of the picture was taken out of it, by what is known "
-        "of the panels (limit {limit}); take quarter windows, and look at contrast, guards and "
+        "direct light as strong as {figure} of the picture was subtracted from it, as computed for "
+        "these panels (limit {limit}); take quarter windows, and check contrast, guards and "
         "places of the panels")
     BLOCKED_LEFT = VerdictRow(0.15, 0.5,
-        "{figure} of the picture is light that was to be blocked (limit {limit}), as it has a "
-        "weight of {weight}; look at contrast, guards and places of the panels")
+        "{figure} of the picture is light that should be blocked (limit {limit}), as it has a "
+        "weight of {weight}; check contrast, guards and places of the panels")
     # Direct light is taken for ten times the rest of the scene.
     DIRECT_UNSEEN = VerdictRow(0.015, 0.05,
-        "direct light that was to be blocked has a weight of {figure} (limit {limit}), and no "
-        "photo tells how much there is; look at contrast and places of the panels, take schedule "
-        "auto or tail before a slow mask, or take indirect, which shows it")
+        "direct light that should be blocked has a weight of {figure} (limit {limit}), and no "
+        "photo shows how much there is; check contrast and places of the panels, take schedule "
+        "auto or tail for a slow mask, or take indirect, which shows it")
 
     # The answer.
     ANSWER_UNKNOWN = VerdictRow(NEVER, YES,
-        "nothing is known of the answer: all of the field is saturated or unseen; close the "
-        "aperture and look at what the camera sees")
+        "nothing is known of the answer: the whole field is saturated or unseen; close the "
+        "aperture and check what the camera sees")
     NOISE = VerdictRow(0.3, 1.0,
         "the sensor's noise is {figure} of the answer (limit {limit}); open the aperture, or "
         "expose longer")
@@ -216,31 +214,32 @@ class Cause(Enum):
         "codes, or parts to measure it")
     # Over the light that is left without the error: at 1, half of the picture's power is error.
     ERROR_BARS = VerdictRow(0.3, 1.0,
-        "the answer may be off by {figure} (RMS, limit {limit}) by its error bars: the codes err "
+        "by its error bars the answer may be off by {figure} (RMS, limit {limit}): the codes err "
         "on sharp light, as of mirrors; take more codes")
     # Light below zero shows as little as half of the error.
     BELOW_ZERO = VerdictRow(0.15, 1.0,
-        "the answer has light below zero, which is error: it is off by {figure} or more (RMS, "
-        "limit {limit}); the codes err on other light, which is much more than what is wanted; "
-        "take more codes")
+        "the answer has light below zero, which is an error: it is off by {figure} or more (RMS, "
+        "limit {limit}); the codes err on other light, which is much stronger than the wanted "
+        "light; take more codes")
     # 16 codes have 0.25, 100 of them 0.1; codes that leave no error less than 0.003.
     CODES_UNMEASURED = VerdictRow(0.1, NEVER,
         "codes are not in the error bar: on sharp light, as of mirrors, the answer may be off by "
         "{figure} (RMS, limit {limit}); take {advice}", remark=0.003)
     LEAKS_LEFT = VerdictRow(0.05, 0.3,
-        "ambient light and leaks are {figure} of the answer and were not taken off (limit "
+        "ambient light and leaks are {figure} of the answer and were not subtracted (limit "
         "{limit}); darken the room, or take black exposures")
     # Nobody knows which photos saw the change, so that the answer may be right.
     ROOM_CHANGED = VerdictRow(0.05, NEVER,
-        "the room's light was not the same before and after the photos: the difference makes up to "
-        "{figure} of the answer (limit {limit}); see that no light is switched, and capture again")
+        "the room's light changed between the dark photos before and after: the difference makes "
+        "up to {figure} of the answer (limit {limit}); make sure that no light is switched, and "
+        "capture again")
     COMMON_LIGHT = VerdictRow(0.25, NEVER,
-        "{share} of the light comes whatever is shown (limit {limit} of the rest): entries of T "
-        "are without it, the picture is not; darken the room")
+        "{share} of the light does not depend on what is shown (limit {limit} of the rest): the "
+        "entries of T do not contain it, but the picture does; darken the room")
     PAIR_SUM = VerdictRow(0.02, 0.1,
         "the pair of exposures does not add up to the white photo: it is {figure} off (limit "
-        "{limit}); look at ambient light and leaks (black_level), a lamp that drifts, an aperture "
-        "that does not come back, or a missed refresh")
+        "{limit}); check ambient light and leaks (black_level), a drifting lamp, an aperture that "
+        "does not return to its stop, and missed refreshes")
     # fmt: on
 
 

@@ -71,9 +71,9 @@ def _list_causes(seen: Evidence, light: float) -> Iterator[tuple[str, float | No
     """Name, share of the answer's RMS `light`, and source of each."""
     record = seen.record
     if record.scale is None:
-        yield "scale", None, "nobody knows how bright a unit is"
+        yield "scale", None, "it is not known how bright a unit is"
     else:
-        known = "common to all pixels" if record.scale.sigma is not None else "nobody measured it"
+        known = "common to all pixels" if record.scale.sigma is not None else "never measured"
         yield "scale", record.scale.sigma, f"{known}; {record.scale.source}"
     yield "stops", *_stops(seen, light)
     yield "maps", *_maps(seen, light)
@@ -89,7 +89,7 @@ def _list_causes(seen: Evidence, light: float) -> Iterator[tuple[str, float | No
     )
     leaks = math.hypot(record.leak, record.room_changed)
     if leaks:
-        yield "leaks", leaks, "light in the dark photos that is not taken off, or changed"
+        yield "leaks", leaks, "light in the dark photos that was not subtracted, or that changed"
 
 
 def _stops(seen: Evidence, light: float) -> tuple[float | None, str]:
@@ -106,7 +106,7 @@ def _maps(seen: Evidence, light: float) -> tuple[float | None, str]:
     look = seen.record.panels
     if look is None or look.mask is None:
         why = "no photos of blocks" if look is None or not look.why else look.why
-        return _of_part(seen, "maps", light, f"nobody looked where the panels lie: {why}")
+        return _of_part(seen, "maps", light, f"the places of the panels were not checked: {why}")
     source = f"photos of blocks, which place the mask to {look.sigma_px:.2g} projector pixels"
     return _of_cause(seen, "maps", light), source
 
@@ -124,23 +124,24 @@ def _timing(seen: Evidence, light: float) -> tuple[float | None, str]:
         return 0.0, "by the frame log the panels let no direct light through"
     through = f"{to_percent(left.weight)} of the direct light gets through, by the frame log"
     if left.taken_out is not None:
-        return _of_cause(seen, "timing", light), f"{through}; it was taken out, to a half"
+        share = _of_cause(seen, "timing", light)
+        return share, f"{through}; it was subtracted, and half of it counts as error"
     return left.share, f"{through}; it is in the picture"
 
 
 def _codes(seen: Evidence, light: float) -> tuple[float | None, str]:
     made = seen.decoded.answer
     if made.kind == "whole":
-        return 0.0, "no codes err in such a photo"
+        return 0.0, "such a photo has no error of codes"
     if made.kind == "sensor":
         return None, "fewer than four parts were taken"
-    return _of_cause(seen, "codes", light), "by what the parts of the photo differ in"
+    return _of_cause(seen, "codes", light), "by the differences between the parts of the photo"
 
 
 def _of_part(seen: Evidence, cause: ErrorCause, light: float, why: str) -> tuple[float | None, str]:
     """What error bars have of a cause that is not known whole, and why it is not."""
     share = _of_cause(seen, cause, light)
-    return (share, f"what error bars have of it; {why}") if share else (None, why)
+    return (share, f"the part that error bars contain; {why}") if share else (None, why)
 
 
 def _of_cause(seen: Evidence, cause: ErrorCause, light: float) -> float:

@@ -97,7 +97,7 @@ def test_gamma_that_nobody_knows_spoils_the_photo_and_is_warned_of(tmp_path: Pat
     assert {text.split()[1] for text in told} == {"projector", "mask"}
     assert any("projector.gamma" in text for text in told)
     assert made.quality.verdict != "good"
-    assert any("nobody said what light they give" in text for text in made.quality.reasons)
+    assert any("not known what light they give" in text for text in made.quality.reasons)
 
 
 def test_codes_of_black_and_white_need_no_curve(tmp_path: Path) -> None:

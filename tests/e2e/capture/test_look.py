@@ -89,7 +89,7 @@ def test_what_cannot_be_added_is_said(tmp_path: Path) -> None:
     assert any("black exposures are not added" in text for text in made.warnings)
     assert manifest.run.leak == manifest.plan["leaks"]["both"] > 0.3
     assert made.quality.verdict == "bad"
-    assert any("were not taken off" in text for text in made.quality.reasons)
+    assert any("were not subtracted" in text for text in made.quality.reasons)
 
 
 def test_exact_photos_taken_before_a_pilot_ended_have_black_exposures(tmp_path: Path) -> None:

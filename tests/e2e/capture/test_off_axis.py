@@ -97,7 +97,7 @@ def test_light_that_leaking_panels_leave_of_the_blocked_is_told(tmp_path: Path) 
     left = np.sqrt(np.sum((image - wanted)[np.isclose(moved, 1.0)] ** 2) / np.sum(image**2))
     assert left > 0.1
     assert summary["quality"].verdict != "good"
-    assert any("light that was to be blocked" in text for text in summary["quality"].reasons)
+    assert any("light that should be blocked" in text for text in summary["quality"].reasons)
 
 
 def test_k5_the_rigs_plane_keys_a_wall_that_is_elsewhere(tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_light_that_slow_panels_do_not_block_is_told(tmp_path: Path) -> None:
     made = take_with(engine, goal="epipolar", keep="out", codes=32)
     error = made.error
     assert error > 1.0 and made.quality.verdict == "bad"
-    said = next(reason for reason in made.quality.reasons if "was to be blocked" in reason)
+    said = next(reason for reason in made.quality.reasons if "should be blocked" in reason)
     # Of the picture, leak included: as much as the error says.
     assert float(said.split(" %")[0]) == pytest.approx(100.0 * error / (1.0 + error), abs=15.0)
 

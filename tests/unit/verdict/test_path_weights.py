@@ -160,9 +160,9 @@ def test_what_parts_have_in_common_is_told_from_chance(
     ("primal", "dual", "told"),
     [
         (np.ones(N), np.ones(N), []),
-        (dim(slice(3), 0.02), np.ones(N), ["lights 3 of 12 cells in it, 25 %"]),
+        (dim(slice(3), 0.02), np.ones(N), ["lights 3 of 12 cells, which have 25 %"]),
         (dim(slice(3), 0.2), np.ones(N), []),
-        (np.ones(N), dim(slice(2), 0.02), ["opens 2 of 12 cells in it, 16.7 %"]),
+        (np.ones(N), dim(slice(2), 0.02), ["opens 2 of 12 cells, 16.7 %"]),
     ],
 )
 def test_cells_that_no_code_shows_are_counted(

@@ -133,7 +133,7 @@ def test_a_file_and_a_profile_have_numbers_of_one_size(
     knows, and electrons go by the profile."""
     found = told(judge_levels({"black_dn": [black], "white_dn": white}, load_profile("mono")))
     assert [grade for grade, _ in found] == [DOUBTFUL] * (times is not None)
-    assert all(times and f"{times} as far as sensor profile mono" in text for _, text in found)
+    assert all(times and f"{times} as many as in sensor profile mono" in text for _, text in found)
 
 
 def test_a_photo_that_is_worked_out_has_no_levels() -> None:
