@@ -335,9 +335,9 @@ def late_bench(folder: Path, scene: str, **camera: Any) -> Config:
 @pytest.mark.parametrize(
     ("truth", "asked", "words"),
     [
-        ("[mask]\nskew_s = 0.025\n", {}, "more slowly than configured: run"),
-        ("[mask]\nskew_s = 0.025\n", {"codes": 32, "goal": "direct"}, "more slowly than configured: run"),
-        ("[mask.place]\nturn_deg = 90.0\nscale = 1.34\n", {}, "more slowly than configured, or elsewhere: run"),
+        ("[mask]\nskew_s = 0.025\n", {}, "than configured: run"),
+        ("[mask]\nskew_s = 0.025\n", {"codes": 32, "goal": "direct"}, "than configured: run"),
+        ("[mask.place]\nturn_deg = 90.0\nscale = 1.34\n", {}, "than configured, or elsewhere: run"),
         ("[scene]\nambient = 0.05\n", {}, ""),
         ("[mask.place]\nturn_deg = 1.0\n", {}, ""),
     ],
