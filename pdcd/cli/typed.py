@@ -14,7 +14,7 @@ from __future__ import annotations
 WHEN = "a date (2026-01-31, 2026-01-31T12:00), or how long ago: 30m, 12h, 7d, 2w"
 
 COMMANDS = """
-serve  serve:serve  run the daemon, in the foreground unless told otherwise
+serve  serve:serve  run the daemon, by default in the foreground
   @config
   --socket PATH               listen here
   --state-dir DIR             keep runs below this folder
@@ -49,7 +49,7 @@ compare  compare:compare  take a photo by every method, side by side
   usage                       [OPTIONS] GOAL
   @photo without=method
 init  init:prepare_bench  find out what this machine has, and write the files of a bench
-  --yes                       ask nothing: take what is proposed
+  --yes                       ask nothing: accept every proposal
   --out DIR                   folder to write into; default: where pdcd looks for pdcd.toml
   --display :N                X server to look at; default: $DISPLAY
   --projector OUTPUT          name of the output that drives the projector
@@ -91,24 +91,24 @@ doctor display  doctor:diagnose_display  look at the X server and at both panels
 doctor camera  doctor:diagnose_camera  look at the camera on USB or network; nothing is exposed
   @device
   --raw FILE                  a RAW photo of this camera, to read frame and orientation from
-doctor trigger  doctor:diagnose_trigger  look at the shutter, and click it if told to
+doctor trigger  doctor:diagnose_trigger  look at the shutter, and click it if asked to
   @device
   --click                     open the shutter, and close it again
   --seconds S=1.0             how long to hold it open
 doctor bench  doctor:diagnose_bench  run the acceptance checks of a bench in front of a white card
   @device
   --page FILE                 write them as a page to print
-  --out DIR                   where its two runs go
+  --out DIR                   folder for its two runs
 calibrate  calibrate:calibrate  measure the bench with its own camera
   usage                       [OPTIONS] [STEP ...]
   usage                       list | use NAME|none|latest | forget NAME [--yes]
   step [STEP ...]             steps to take, of <steps>; default: all that a bench needs. Instead of
-                              steps: list shows the calibrations that are kept, use makes captures
-                              go by one, by its name, or by the latest, forget removes one
+                              steps: list shows the stored calibrations, use selects one for
+                              captures, by its name, or the latest, forget removes one
   --scene                     calibrate on the scene in front of the camera, without a card
   @fields marks
-  --anew                      measure all steps, also those that a calibration has finished which
-                              was interrupted not long ago
+  --anew                      measure all steps, also those that a recently interrupted calibration
+                              has finished
   --again FOLDER              compute a calibration again from its photos
   --out DIR                   make the folder in DIR; only with --local
   --yes                       ask nothing: the card is in its place; forget without asking
@@ -124,7 +124,7 @@ show  panels:show_pattern  show a pattern on both panels, without a camera
   --detach                    leave it on the daemon's panels and return
   @client
 preview  preview:show_live_view  show live what the camera sees, and its focus
-  pattern [STILL]=white       pattern on both panels meanwhile, one of <still>
+  pattern [STILL]=white       pattern that both panels show, one of <still>
   --index N=0                 number of the code
   --seconds S                 end after S seconds; without it, by Ctrl-C
   --out PNG                   file to keep the last picture in
@@ -172,7 +172,7 @@ runs  runs:print_runs  list, show, export, verify or remove runs on disk
   @filters of=list
   --all > list_all            every run on disk, and the quick looks of previews; default: the
                               newest 50 captures
-runs show  runs:show_run  say all that is known of a run
+runs show  runs:show_run  show everything that is known of a run
   @run
   @again
 runs export  runs:export_run  write pictures of a run for other programs
@@ -224,7 +224,7 @@ figures  figures:take_figures  repeat the paper's experiments, and make one page
                               default)
   --full                      the camera's own resolution, the paper's codes; hours
   --profile NAME=450d         sensor profile of the camera; mono has no colours
-  --no-plots > plots          leave out what needs matplotlib
+  --no-plots > plots          leave out plots, which need matplotlib
   --workers N                 processes; default: 2
   @json
 
@@ -270,7 +270,7 @@ filters
   --goal GOAL                 only runs of this goal
   --since T                   started then or later: <when>
   --tag WORD ... > tags       only runs with this tag; repeat it for runs that have several
-  --failed                    only captures that left no whole run; of prune: no manifest
+  --failed                    only captures without a whole run; of prune: without a manifest
 export
   --format {exr,tiff16,png16,npz} !  32-bit floats (exr, npz), or 16 bits a colour, linear
   --picture NAME ...          name of a picture; repeat it for more; default: all

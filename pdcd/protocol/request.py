@@ -127,7 +127,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     radius: Annotated[
         Annotated[int, Meta(ge=0, le=_MOST_CELLS)] | None,
         describe_field(
-            "what counts as near, in cells",
+            "largest distance that counts as near, in cells",
             "goal",
             "CELLS",
             needed_by=["long-range", "short-range"],
@@ -288,12 +288,12 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = None
     confidence: Annotated[
         Annotated[float, Meta(ge=0.5, lt=1.0)] | None,
-        describe_field("probability with which that error is kept; default: 0.95", "planning", "C"),
+        describe_field("probability of an error within that; default: 0.95", "planning", "C"),
     ] = None
     seconds: Annotated[
         Annotated[float, Meta(gt=0.0, le=86400.0)] | None,
         describe_field(
-            "time of all exposures; codes and exposures are those of the smallest error in it",
+            "time of all exposures; codes and exposures are chosen for the smallest error in it",
             "planning",
             "S",
             common=True,
@@ -302,7 +302,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     prior: Annotated[
         _Name | SentArray | None,
         describe_field(
-            "what the scene is like, to guide the codes and foresee errors by: scene:NAME of a "
+            "what is known of the scene, to choose codes and predict errors: scene:NAME of a "
             "preset, decay:CELLS, or a transport matrix",
             "planning",
             "PRIOR",
@@ -313,8 +313,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     smooth: Annotated[
         bool | None,
         describe_field(
-            "correct indirect and far light for what codes get wrong of smooth light, by a model "
-            "that the photo itself gives; default: with the family hadamard",
+            "correct indirect and far light for the codes' error on smooth light, by a model "
+            "from the photo itself; default: with the family hadamard",
             "codes",
         ),
     ] = None
@@ -322,7 +322,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         bool | None,
         describe_field(
             "let masks of long- and short-range light have grey levels, which count it more "
-            "evenly, for less light; default: where the mask can show them and it is known what "
+            "evenly, for less light; default: if the mask can show them and it is known what "
             "light they give",
             "codes",
         ),
@@ -402,7 +402,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = None
     name: Annotated[
         Label | None,
-        describe_field("what to call the run; it need not be unique", "run", "TEXT", common=True),
+        describe_field("name of the run; it need not be unique", "run", "TEXT", common=True),
     ] = None
     tags: Annotated[
         tuple[Tag, ...],
@@ -410,7 +410,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         describe_field("words to find the run by", "run", "WORD", option="tag", common=True),
     ] = ()
     note: Annotated[
-        NoteText, describe_field("whatever is to be remembered", "run", "TEXT", common=True)
+        NoteText, describe_field("anything worth remembering", "run", "TEXT", common=True)
     ] = ""
 
 
@@ -426,8 +426,8 @@ class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     attended: Annotated[
         bool,
         describe_field(
-            "whether somebody is there to put a card in front of the camera and say so; else it "
-            "begins at once",
+            "whether somebody is there to put a card in front of the camera and confirm it; else "
+            "it begins at once",
             "calibration",
         ),
     ] = False
@@ -437,14 +437,14 @@ class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     marks: Annotated[
         MarksName,
         describe_field(
-            "what the geometry shows: dots, or stripes; auto: dots on a card, stripes on a scene",
+            "marks for the geometry: dots, or stripes; auto: dots on a card, stripes on a scene",
             "calibration",
         ),
     ] = "auto"
     anew: Annotated[
         bool,
         describe_field(
-            "measure all steps, also those that a calibration found which stopped not long ago",
+            "measure all steps, also those of a calibration that stopped not long ago",
             "calibration",
         ),
     ] = False
