@@ -282,7 +282,7 @@ class Client(LineTalk):
             places = {name: (p.dtype, p.shape, p.offset) for name, p in frame.arrays.items()}
             return StreamedPicture(frame, unpack_arrays(fds[0], places.items()))
         except ValueError as err:
-            raise ProtocolError(f"the server sent what is no picture: {err}") from err
+            raise ProtocolError(f"the server sent something that is no picture: {err}") from err
         finally:
             for fd in fds:
                 os.close(fd)

@@ -97,7 +97,7 @@ class Dlpc900Display:
             if panel.firmware and int(panel.firmware.partition(".")[0]) < _OLD:
                 warnings.append(
                     f"firmware {panel.firmware} of the {panel.role} is older than version {_OLD}, "
-                    "of whose guide this driver was written; update it"
+                    "which this driver was written for; update it"
                 )
         return DisplayInfo(
             config.projector.size_px,

@@ -46,7 +46,7 @@ class Told:
         """
         if len(self.files) > _MOST_FILES or len(self.values) + len(self.choices) > _MOST_SETTINGS:
             self.forget()
-            raise DeviceLost("tells of things without end", device=DEVICE, hint=POWER_CYCLE)
+            raise DeviceLost("sends events without end", device=DEVICE, hint=POWER_CYCLE)
         match event:
             case ObjectAdded():
                 if event.handle not in self.done:

@@ -266,7 +266,7 @@ def forget_calibration(config: Config, at: Path) -> None:
         if descriptor is None and at.is_dir():
             raise BusyError(
                 f"calibration {name} is in use, or being made",
-                hint="end the daemon or the capture that goes by it, or use another one",
+                hint="end the daemon or the capture that uses it, or use another one",
             )
         try:
             if at.is_symlink():

@@ -262,7 +262,7 @@ def with_values(
             config = msgspec.structs.replace(config, **{table: msgspec.structs.replace(old, **new)})
     except (KeyError, AttributeError, msgspec.ValidationError) as err:
         raise ConfigError(
-            f"a measured value is none of the configuration: {err}",
+            f"a measured value has no place in the configuration: {err}",
             hint="calibrate again with this version of pdcd",
         ) from err
     for device, map_ in maps.items():

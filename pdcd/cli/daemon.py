@@ -101,7 +101,7 @@ def _refuse_other(client: Client, config: Config, args: argparse.Namespace) -> N
     here = ", or drive the rig from here with --local" if hasattr(args, "local") else ""
     raise ConfigError(
         f"the daemon does not run --config {args.config}: {other} differs",
-        hint=f"leave --config out to go by the daemon's own, start it anew with pdcd serve "
+        hint=f"leave --config out to use the daemon's own, restart it with pdcd serve "
         f"--config {args.config}{here}",
     )
 

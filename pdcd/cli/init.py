@@ -33,7 +33,7 @@ def prepare_bench(args: argparse.Namespace) -> int:
     """Write a bench, look at it as the doctor does, and fail where anything must be mended."""
     asks = not args.yes
     if asks and not sys.stdin.isatty():
-        raise ConfigError("nobody is there to be asked", hint="say --yes to take what is proposed")
+        raise ConfigError("there is nobody to ask", hint="say --yes to accept every proposal")
     folder = _find_folder(args.out)
     tell_user("looking at outputs, USB, network and serial ports ...")
     facts = find_bench_facts(args.display)
@@ -133,7 +133,7 @@ def _ask(question: str, ways: dict[str, str], proposed: str) -> str:
         tell_user(f"{told}, or Return alone for {proposed}:" if proposed else f"{told}:")
         line = sys.stdin.readline()
         if not line:
-            raise ConfigError("nobody answers", hint="say --yes to take what is proposed")
+            raise ConfigError("there is no answer", hint="say --yes to accept every proposal")
         said = line.strip() or proposed
         if said.isdecimal() and 1 <= int(said) <= len(names):
             return names[int(said) - 1]

@@ -382,7 +382,7 @@ def _check_prune(args: argparse.Namespace) -> None:
         raise ConfigError(f"--keep {args.keep} is less than nothing", hint="type --keep 10 for ten")
     if args.older_than is None and args.keep is None and not args.failed:
         raise ConfigError(
-            "it was not said which runs are to go",
+            "it was not said which runs to remove",
             hint="name at least one of --older-than, --failed and --keep",
         )
 

@@ -94,7 +94,7 @@ def is_search_needed(request: CaptureRequest) -> bool:
     if len(asked) == 2:
         raise RequestError(
             "an error and a time are both asked for",
-            hint="give one; the plan says what the other comes to",
+            hint="give only one; the plan says what the other will be",
         )
     defaults = CaptureRequest(goal=request.goal)
     given = [
@@ -110,7 +110,7 @@ def is_search_needed(request: CaptureRequest) -> bool:
         )
     if request.goal == "transport":
         raise RequestError(
-            f"{asked[0]} goes by the picture of a goal, and that of transport is not its entries",
+            f"{asked[0]} is about the picture of a goal, and that of transport is not its entries",
             hint=f"leave out {asked[0]}; repeat takes each photo more than once",
         )
     if request.method != "coded" or request.family in ("isolation", "confocal"):

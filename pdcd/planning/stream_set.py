@@ -35,7 +35,7 @@ def make_set_request(request: StreamRequest) -> CaptureRequest:
     parts = request.parts if isinstance(request.parts, int) else FEWEST_PARTS
     if not max(FEWEST_PARTS, request.over) <= parts:
         raise RequestError(
-            f"{parts} parts do not do for a stream whose pictures are made of {request.over}",
+            f"{parts} parts are too few for a stream whose pictures are made of {request.over}",
             hint=f"take at least {max(FEWEST_PARTS, request.over)} parts: their spread measures "
             "the error",
         )

@@ -166,5 +166,5 @@ class LineTalk:
         try:
             message: dict[str, Any] = msgspec.json.decode(self._lines.popleft(), type=dict)
         except msgspec.DecodeError as err:
-            raise ProtocolError(f"the server sent what is no message: {err}") from err
+            raise ProtocolError(f"the server sent something that is no message: {err}") from err
         return message

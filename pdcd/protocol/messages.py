@@ -408,7 +408,7 @@ def convert_reply(value: Any, kind: type[_T]) -> _T:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as err:
-        raise ProtocolError(f"the server sent what is no {kind.__name__}: {err}") from err
+        raise ProtocolError(f"the server sent something that is no {kind.__name__}: {err}") from err
 
 
 def read_event(message: Mapping[str, Any]) -> events.Event:
@@ -416,7 +416,7 @@ def read_event(message: Mapping[str, Any]) -> events.Event:
     try:
         return events.decode_event(message["params"])
     except msgspec.ValidationError as err:
-        raise ProtocolError(f"the server sent what is no event: {err}") from err
+        raise ProtocolError(f"the server sent something that is no event: {err}") from err
 
 
 def decode_error(wire: Mapping[str, Any]) -> PdcdError:

@@ -166,7 +166,7 @@ def _check_plane(target: Target, name: str, plane: Floats) -> None:
         if np.any(plane != np.rint(plane)) or plane.min() < -1 or plane.max() >= cells:
             raise RequestError(
                 f"{name} leaves the grid",
-                hint=f"cells are numbered 0 to {cells - 1}; -1 is none",
+                hint=f"cells are numbered 0 to {cells - 1}; -1 means none",
             )
         if plane.max() < 0:
             raise RequestError(f"{name} pairs no cell at all")

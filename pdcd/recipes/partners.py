@@ -160,7 +160,7 @@ def check_depths(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> None:
     low, high = goal.disparity or (0, 0)
     if low > high:
         raise RequestError(
-            f"disparities from {low} to {high} are none", hint="give the lower one first"
+            f"disparities from {low} to {high} are an empty range", hint="give the lower one first"
         )
     if max(abs(low), abs(high)) >= grid[1] or high - low >= grid[1] - 1:
         raise RequestError(

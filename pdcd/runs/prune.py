@@ -99,7 +99,7 @@ def _held(state: Path, path: str) -> Iterator[tuple[int, str]]:
         except OSError as err:
             if name.endswith(UNFINISHED):
                 raise DiskError(
-                    "its disk has no locks, so that nobody can tell whether it is being filled",
+                    "its disk has no file locks, so it is not known whether it is being filled",
                     hint="remove it by hand",
                 ) from err
         with open_run_folder(top, above, owners) as parent:

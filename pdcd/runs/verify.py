@@ -162,7 +162,7 @@ def _make_absent_error(folder: Path, why: FolderFinding) -> DecodeError:
     inside = find_inner_run(folder)
     if inside is not None:
         hint = f"name one of them, such as {to_one_line(str(folder / inside))}"
-        return DecodeError(f"{called} holds runs and is none itself", hint=hint)
+        return DecodeError(f"{called} holds runs and is not a run itself", hint=hint)
     if why.what == "missing":
         hint += "; pdcd decode --partial makes what it can of an interrupted one"
         return DecodeError(f"{called} is no finished run: it has no {MANIFEST}", hint=hint)

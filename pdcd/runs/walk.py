@@ -97,7 +97,7 @@ def walk_runs(state: Path, depth: int = DEPTH) -> Walk:
         raise DiskError(
             f"cannot read the folder of runs: {err.strerror}",
             device=str(state),
-            hint="whoever may read runs is told by the mode of that folder",
+            hint="the mode of that folder says who may read runs",
         ) from err
 
 

@@ -164,7 +164,7 @@ def _refuse_few(found: int, then: int, device: str) -> None:
         raise CalibrationError(
             f"only {found} of {then} dots of the {device} are found again",
             device=device,
-            hint="clear the field, look whether the panel shows its dots and all is in focus; "
+            hint="clear the field, check that the panel shows its dots and all is in focus; "
             "else calibrate the geometry anew",
         )
 
@@ -175,7 +175,7 @@ def _lamp(now: BenchSnapshot, then: BenchSnapshot) -> tuple[float, float, float]
         raise CalibrationError(
             "the white photo is saturated",
             device="camera",
-            hint="expose as the calibration did; look at aperture and ISO",
+            hint="expose as the calibration did; check aperture and ISO",
         )
     lit = then.white > 0.25 * then.white.max()
     ratio = now.white[lit] / then.white[lit]

@@ -255,7 +255,7 @@ class LightSeries:
         if share > ROOM_MOST:
             raise CalibrationError(
                 f"without the projector's white there is {100.0 * share:.0f} % of its light: the "
-                "room lights are on, or its black is none",
+                "room lights are on, or its black is not black",
                 device="camera",
                 hint=_ROOM + "; see that the projector's picture is not inverted",
             )

@@ -87,7 +87,7 @@ def measure_stripe_depth(photo: QuadPhoto, period_quads: float) -> StripeDepth:
             f"no stripes of about {period_quads:.1f} pixels are seen: their depth is "
             f"{depths.number:.3f}",
             device="camera",
-            hint="look whether the panel shows stripes, then turn the focus through its range",
+            hint="check that the panel shows stripes, then turn the focus through its range",
         )
     return depths
 

@@ -98,7 +98,7 @@ def check_stripe_contrast(share: Floats, first: _Complex, sigma: Floats) -> None
         raise CalibrationError(
             f"stripes gave {level:.1f} times the light of the photo with both panels white",
             device="display",
-            hint="look at both panels: the white photo was not white, or its exposure another one",
+            hint="check both panels: the white photo was not white, or had another exposure",
         )
     if level < 0.02:
         raise CalibrationError(

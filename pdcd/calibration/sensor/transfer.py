@@ -203,8 +203,8 @@ def fit_photon_transfer(
     level = max(float(np.median(pair.mean[pair.samples > 0])) for pair in lit)
     if slope * level < _DIM * dark_dn2:
         raise CalibrationError(
-            f"plane {plane}: the flat photos are too dim: {level:.3g} DN, of whose noise half is "
-            "the camera's own",
+            f"plane {plane}: the flat photos are too dim: {level:.3g} DN, and half of their "
+            "noise is the camera's own",
             device="camera",
             hint="open the aperture, or show more refreshes",
         )

@@ -317,7 +317,7 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     array that `read_arrays` would refuse."""
     for name, array in arrays.items():
         if not np.isfinite(array).all():
-            raise ValueError(f"array {name} holds what is no number")
+            raise ValueError(f"array {name} holds values that are no numbers")
     with path.open("wb") as file:
         np.savez(file, **{name: arrays[name] for name in sorted(arrays)})  # type: ignore[arg-type]
 

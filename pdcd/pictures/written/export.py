@@ -123,7 +123,9 @@ def _check(asked: ExportRequest) -> None:
         return
     black, white = asked.span
     if not (np.isfinite(asked.span).all() and black < white):
-        raise RequestError(f"a range from {black:g} to {white:g} is none", hint="black comes first")
+        raise RequestError(
+            f"a range from {black:g} to {white:g} is not one", hint="black comes first"
+        )
     if "16" not in asked.format:
         raise RequestError(f"{asked.format} files need no range", hint="they hold every value")
 

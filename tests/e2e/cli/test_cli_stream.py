@@ -65,6 +65,6 @@ def test_what_is_no_stream_is_said_in_words(
 ) -> None:
     asked = ["stream", "indirect", "--local", "--config", config]
     assert main([*asked, "--over", "9"]) == 2
-    assert "parts do not do for a stream" in capsys.readouterr().err
+    assert "parts are too few for a stream" in capsys.readouterr().err
     assert main([*asked, "--rate", "0"]) == 2
     assert "rate_hz" in capsys.readouterr().err

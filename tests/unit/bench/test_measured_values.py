@@ -155,7 +155,7 @@ def test_what_was_typed_of_devices_is_kept_beside_what_was_measured(tmp_path: Pa
     "values", [{"mask.skew": 1.0}, {"masc.skew_s": 1.0}, {"mask.skew_s": "late"}]
 )
 def test_a_value_that_the_configuration_cannot_have_is_refused(values: dict[str, Any]) -> None:
-    with pytest.raises(ConfigError, match="a measured value is none of the configuration"):
+    with pytest.raises(ConfigError, match="a measured value has no place in the configuration"):
         with_values(Config(), values, {})
 
 

@@ -152,8 +152,8 @@ def test_the_command_writes_and_tells(
     ("more", "words"),
     [
         (["--picture", "blue"], "no picture 'blue' (it has direct, indirect, white)"),
-        (["--range", "1", "1"], "from 1 to 1 is none"),
-        (["--range", "0", "nan"], "from 0 to nan is none"),
+        (["--range", "1", "1"], "from 1 to 1 is not one"),
+        (["--range", "0", "nan"], "from 0 to nan is not one"),
         (["--white-patch", "0.5", "1.5"], "white patch lies at 0 to 1"),
         (["--white-patch", "nan", "0.5"], "white patch lies at 0 to 1"),
         (["--format", "exr", "--range", "0", "1"], "exr files need no range"),

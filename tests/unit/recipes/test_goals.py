@@ -86,7 +86,7 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
     ("indirect", {"illumination": plane(1.0, c1=-0.01)}, "must lie between 0 and 1"),
     ("indirect", {"illumination": plane(0.0, c1=1.01)}, "must lie between 0 and 1"),
     ("indirect", {"illumination": plane(9e-7)}, "black everywhere"),
-    ("indirect", {"warp": plane(0.5)}, "warp leaves the grid .*0 to 31; -1 is none"),
+    ("indirect", {"warp": plane(0.5)}, "warp leaves the grid .*0 to 31; -1 means none"),
     ("indirect", {"warp": plane(c4=-2.0)}, "warp leaves the grid"),
     ("indirect", {"warp": plane(c4=32.0)}, "warp leaves the grid"),
     ("indirect", {"warp": plane(-1.0)}, "warp pairs no cell at all"),
