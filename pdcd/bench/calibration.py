@@ -45,6 +45,7 @@ MAX_RECORD_BYTES = 2**24
 
 _Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 _Count = Annotated[int, Meta(ge=0, le=2**62)]
+_Sigma = Annotated[float, Meta(ge=0.0)]
 _Nanoseconds = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 _Name = Annotated[str, Meta(pattern="^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 
@@ -58,7 +59,7 @@ class MeasuredValue(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     value: Any
-    sigma: float | tuple[float, ...] | None = None
+    sigma: _Sigma | tuple[_Sigma, ...] | None = None
     step: str
     made_utc: str
     folder: str | None = None
@@ -198,7 +199,7 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     finished_utc: str
     verdict: VerdictName
     identity: BenchIdentity
-    belief: dict[str, Any]
+    belief: dict[str, dict[str, Any]]
     """The configuration when it began, for computing it again."""
     camera: CameraRecord
     profile: dict[str, Any]
@@ -225,7 +226,7 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     """Steps that were asked for by name; none: all that a bench needs."""
     taken_over: dict[str, str] = {}
     """Steps that were found by the calibration before, which had stopped, and when."""
-    bench: dict[str, Any] = {}
+    bench: dict[str, dict[str, Any]] = {}
     """Of a mock bench the tables that make it, as they were typed; of another one the calibration
     is never the latest."""
 
@@ -271,7 +272,7 @@ def read_calibration(folder: Path) -> tuple[Calibration, str]:
     """The record of a calibration folder, and its digest.
 
     Raises ConfigError for a folder that holds none, a damaged one, or one of another schema.
-    Whether the other files are as they were is for `pdcd verify` to say.
+    Whether the other files are as they were is for whoever reads them, and `pdcd verify`, to say.
     """
     try:
         data, said = (
@@ -291,8 +292,13 @@ def read_calibration(folder: Path) -> tuple[Calibration, str]:
             hint="name a folder that pdcd calibrate made, or set [calibration] use",
         ) from err
     if said != format_digest_line(data):
-        raise ConfigError(
-            f"the calibration in {folder} is not as it was written: {RECORD} has another digest",
-            hint="restore it from a copy, or calibrate again",
-        )
+        raise make_changed_error(folder, f"{RECORD} has another digest")
     return record, hashlib.sha256(data).hexdigest()
+
+
+def make_changed_error(folder: Path, why: str) -> ConfigError:
+    """The error of a calibration of which a file is not as the calibration wrote it."""
+    return ConfigError(
+        f"the calibration in {folder} is not as it was written: {why}",
+        hint="restore it from a copy, or calibrate again",
+    )

@@ -40,7 +40,7 @@ PINNED = "in-use.json"
 """In that folder: the calibration that each rig is to use, by its name."""
 _MAX_BYTES = 2**20
 """Most bytes of that file, and of a mock bench's truth that is still read."""
-_TABLES = ("projector", "mask", "camera", "display", "trigger")
+BENCH_TABLES = ("projector", "mask", "camera", "display", "trigger")
 """Tables of a configuration that make a mock bench; scene and schedule may change."""
 _SAME_RATE = 1e-3
 """Share by which a refresh rate may differ and be of the same mode."""
@@ -136,8 +136,9 @@ def describe_other_bench(record: Calibration, config: Config, *, named: bool = F
     belief = record.belief
     for name in ("projector", "mask"):
         size = belief.get(name, {}).get("size_px")
-        if size is not None and tuple(size) != getattr(config, name).size_px:
-            return f"{name}.size_px was {tuple(size)} and is {getattr(config, name).size_px}"
+        then, now = tuple(size) if isinstance(size, list) else size, getattr(config, name).size_px
+        if size is not None and then != now:
+            return f"{name}.size_px was {then} and is {now}"
     for table in ("display", "camera", "trigger"):
         driver = belief.get(table, {}).get("driver")
         if driver is not None and driver != getattr(config, table).driver:
@@ -173,7 +174,7 @@ def select_mock_tables(config: Config) -> dict[str, Any]:
     if config.camera.driver != "mock":
         return {}
     typed = restore_typed_values(config)
-    tables = {name: getattr(typed, name) for name in _TABLES}
+    tables = {name: getattr(typed, name) for name in BENCH_TABLES}
     return dict(msgspec.json.decode(encode_json(tables)))
 
 

@@ -7,7 +7,7 @@ by `pdcd calibrate use`, a folder by its path, or none.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,12 +17,17 @@ import msgspec
 
 from pdcd.bench.calibration import (
     MAPS,
+    MAX_RECORD_BYTES,
+    PROFILE,
     STEP_FOLDER_PREFIX,
     Calibration,
     MeasuredValue,
+    make_changed_error,
     read_calibration,
 )
+from pdcd.bench.checks import check_config
 from pdcd.bench.choosing import (
+    BENCH_TABLES,
     UNFINISHED_CALIBRATION,
     describe_other_bench,
     find_calibration,
@@ -36,6 +41,8 @@ from pdcd.bench.stops import STOP_SIGMA, AbsoluteScale, stop_of
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.bench.truth import TYPED
 from pdcd.errors import ConfigError, disk_errors
+from pdcd.files.opening import UnsoundFileError
+from pdcd.files.reading import hash_file
 from pdcd.files.text import encode_json
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import load_maps
@@ -133,11 +140,52 @@ def use_calibration_folder(config: Config, folder: Path) -> Config:
             f"the calibration in {folder} is not the one with the digest that is asked for",
             hint="remove [calibration] sha256, or name the folder that has it",
         )
-    used = with_measured_values(config, select_measured_values(record, config.calibration), folder)
-    used = with_guards(used, record.measured)
+    entries = select_measured_values(record, config.calibration)
+    _check_keys(entries)
+    _check_unchanged(record, entries, folder)
+    used = with_guards(with_measured_values(config, entries, folder), record.measured)
+    _check_values(used, config, folder)
     # What with_values says of the table stays.
     table = msgspec.structs.replace(used.calibration, use=str(folder), sha256=digest)
     return msgspec.structs.replace(used, calibration=table)
+
+
+def _check_keys(entries: Iterable[str]) -> None:
+    """Raise ConfigError for a value that says nothing of a bench, such as one of the server's."""
+    for key in entries:
+        if key.partition(".")[0] not in (*BENCH_TABLES, "rig"):
+            raise ConfigError(
+                f"a measured value is of no bench: {to_one_line(key)}",
+                hint="calibrate again with this version of pdcd",
+            )
+
+
+def _check_unchanged(record: Calibration, entries: Iterable[str], folder: Path) -> None:
+    """Raise ConfigError where maps or the profile are not those that the calibration has written.
+
+    What is kept of one under way lists neither."""
+    read = {
+        MAPS if key.endswith(".place.map") else PROFILE
+        for key in entries
+        if key.endswith(".place.map") or key == "camera.profile"
+    }
+    for name in sorted(read & record.files.keys()):
+        try:
+            sound = hash_file(folder / name, MAX_RECORD_BYTES) == record.files[name].sha256
+            why = f"{name} has another digest"
+        except UnsoundFileError as err:
+            sound, why = False, f"{name}: {err.message}"
+        if not sound:
+            raise make_changed_error(folder, why)
+
+
+def _check_values(used: Config, config: Config, folder: Path) -> None:
+    """Raise ConfigError where measured values bring faults that the configuration had not."""
+    if faults := [fault for fault in check_config(used) if fault not in check_config(config)]:
+        raise ConfigError(
+            to_one_line(f"the calibration in {folder} cannot be used: {'; '.join(faults)}"),
+            hint='calibrate again, or set [calibration] use = "none"',
+        )
 
 
 def _named(config: Config, folder: Path, hint: str) -> CalibrationChoice:
@@ -217,7 +265,10 @@ def with_measured_values(
 
     Raises ConfigError for a value that the configuration cannot have.
     """
-    maps = load_maps(folder / MAPS) if any(k.endswith(".place.map") for k in entries) else {}
+    placed = {key.partition(".")[0] for key in entries if key.endswith(".place.map")}
+    maps = load_maps(folder / MAPS) if placed else {}
+    for device in sorted(placed - maps.keys()):
+        raise make_changed_error(folder, f"{MAPS} holds no map of the {to_one_line(device)}")
     return with_values(
         config, {key: entry.value for key, entry in entries.items()}, maps, folder=folder
     )

@@ -23,6 +23,7 @@ from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.capture.job import Journal
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, ExposureError, PdcdError
+from pdcd.printable import to_one_line
 from pdcd.sensor.fit import check_frame_fit, measure_frame_fit
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import RawFrame, RawHead, read_raw, read_raw_head
@@ -271,7 +272,12 @@ def _refuse_others(record: Calibration, rig: Rig) -> None:
 def _old(record: Calibration, table: CalibrationConfig) -> Iterator[str]:
     """Whether it is time to check, or to calibrate again."""
     days = compute_age_days(record)
-    if math.isnan(days) or days > table.max_age_days:
+    if math.isnan(days) or days < -_DAY:
+        yield (
+            f"calibration {record.name} is of {to_one_line(record.finished_utc)!r}, which is no "
+            "date in the past: set the clock of this machine, or calibrate again"
+        )
+    elif days > table.max_age_days:
         yield (
             f"calibration {record.name} is {days:.0f} days old, more than "
             f"calibration.max_age_days = {table.max_age_days:g}: calibrate again"

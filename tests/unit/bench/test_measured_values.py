@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from pdcd.bench import measured
-from pdcd.bench.calibration import RECORD
+from pdcd.bench.calibration import RECORD, CalibrationFile
 from pdcd.bench.choosing import describe_other_bench, find_newest_calibration
 from pdcd.bench.config import format_config, from_config_tables
 from pdcd.bench.measured import (
@@ -36,6 +36,7 @@ from pdcd.bench.tables import (
 from pdcd.bench.truth import restore_typed_values
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
+from pdcd.panels.map_file import save_maps
 from pdcd.panels.placing import Placing
 from pdcd.words import GuardsName
 from tests.unit.bench._calibrations import entry, of_rig, record, written
@@ -93,6 +94,7 @@ def test_what_was_taken_is_named_so_that_taking_it_again_changes_nothing(tmp_pat
         ({"mask": {"size_px": [1600, 1201]}}, "mask.size_px was (1600, 1201) and is (1600, 1200)"),
         ({"display": {"driver": "x11"}}, "display.driver was 'x11' and is 'mock'"),
         ({"camera": {"driver": "ptp"}}, "camera.driver was 'ptp' and is 'mock'"),
+        ({"mask": {"size_px": 7}}, "mask.size_px was 7 and is (1600, 1200)"),
         ({"trigger": {"driver": "serial"}}, "trigger.driver was 'serial' and is 'mock'"),
     ],
 )
@@ -157,6 +159,56 @@ def test_what_was_typed_of_devices_is_kept_beside_what_was_measured(tmp_path: Pa
 def test_a_value_that_the_configuration_cannot_have_is_refused(values: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match="a measured value has no place in the configuration"):
         with_values(Config(), values, {})
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("mask.skew_s", "nan", "must be a finite number"),
+        ("trigger.lag_s", 1e300, "more than 60 seconds"),
+        ("mask.lut", [0.0, 0.9, 0.1, 1.0], "light must rise"),
+        ("projector.field_px", [1000, 700, 1024, 768], "are no part of the projector's"),
+        ("limits.min_free_bytes", 0, "of no bench: limits"),
+        ("server.allow_uids", [1], "of no bench: server"),
+    ],
+)
+def test_a_calibration_may_have_no_value_that_a_configuration_may_not_have(
+    tmp_path: Path, key: str, value: Any, says: str
+) -> None:
+    folder = written(tmp_path / "cal", record(measured={key: entry(value)}))
+    with pytest.raises(ConfigError, match=says):
+        apply_calibration(config(use=str(folder)))
+
+
+@pytest.mark.parametrize(
+    ("key", "name"), [("mask.place.map", "maps.npz"), ("camera.profile", "sensor.toml")]
+)
+def test_files_of_a_calibration_that_changed_since_are_not_used(
+    tmp_path: Path, key: str, name: str
+) -> None:
+    save_maps(tmp_path / "maps.npz", {"mask": Map.filling((1600, 1200))})
+    (tmp_path / "sensor.toml").write_text("")
+    data = (tmp_path / name).read_bytes()
+    vouched = CalibrationFile(sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data))
+    told = record(measured={key: entry(name)}, files={name: vouched})
+    folder = written(tmp_path / "cal", told)
+    for spoilt in (data + b" ", None):
+        if spoilt is not None:
+            (folder / name).write_bytes(spoilt)
+        else:
+            (folder / name).unlink()
+        with pytest.raises(ConfigError, match=rf"not as it was written: {name}"):
+            apply_calibration(config(use=str(folder)))
+    (folder / name).write_bytes(data)
+    assert apply_calibration(config(use=str(folder))) != config(use=str(folder))
+
+
+def test_a_measured_map_that_its_file_lacks_leaves_no_typed_place_in_use(tmp_path: Path) -> None:
+    told = record(measured={"mask.place.map": entry("maps.npz")})
+    folder = written(tmp_path / "cal", told)
+    save_maps(folder / "maps.npz", {"camera": Map.filling((100, 80))})
+    with pytest.raises(ConfigError, match="no map of the mask"):
+        apply_calibration(config(use=str(folder)))
 
 
 def test_a_profile_lies_in_the_folder_of_its_calibration(tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ def record(**said: Any) -> Any:
         name="b", measured=said.pop("measured", {}), bench=said.pop("bench", {}),
         verdict=said.pop("verdict", "bad"), left_out=said.pop("left_out", {}),
         stopped=said.pop("stopped", None), identity=SimpleNamespace(**{**seen, **said}),
+        finished_utc="some day",
     )  # fmt: skip
 
 
@@ -111,6 +112,7 @@ def test_what_a_calibration_could_not_find_is_told_of(kept: dict[str, Any]) -> N
     [
         (30.0, "never", 0), (30.1, "never", 1), (math.nan, "never", 1), (1.0, "daily", 0),
         (1.01, "daily", 1), (1.0 / 24.0, "always", 0), (0.05, "always", 1), (31.0, "daily", 2),
+        (-0.5, "daily", 0), (-2.0, "never", 1),
     ],
 )  # fmt: skip
 def test_an_old_calibration_is_to_be_checked_or_made_again(
