@@ -218,10 +218,15 @@ def _places(size_px: tuple[int, int]) -> Floats:
     return np.stack(np.meshgrid(*(along * length for length in size_px)), axis=-1).reshape(-1, 2)
 
 
+def finding_error_px(record: RunRecord) -> float:
+    """Error with which blocks are found, in projector pixels."""
+    return _SURE_PX * max(_quad_px(record), 1.0)
+
+
 def _sure(off: Floats, record: RunRecord, look: PanelLook) -> Floats:
     """Of offsets (..., 2) what is beyond the error of finding them, and beyond the noise of the
     look, which adds to them as squares do."""
-    least_px, noise_px = _SURE_PX * max(_quad_px(record), 1.0), _SIGMAS * look.sigma_px
+    least_px, noise_px = finding_error_px(record), _SIGMAS * look.sigma_px
     length = np.hypot(off[..., 0], off[..., 1])
     beyond = np.sqrt(np.maximum(length**2 - noise_px**2, 0.0))
     share = np.minimum(beyond, np.maximum(length - least_px, 0.0)) / np.maximum(length, 1e-9)

@@ -15,6 +15,7 @@ from pdcd.pictures.misplaced import (
     Misplacement,
     estimate_lost_direct,
     find_quads_beside_mask,
+    finding_error_px,
     known_shift_px,
     mean_cell_px,
     measure_misplacement,
@@ -84,7 +85,8 @@ def _judge_look(
     size_px, cell_px = record.projector.field_size_px, mean_cell_px(record)
     measured = record.mask.place.map is not None and record.camera_place.map is not None
     yield from judge_unseen_panels(look, measured=measured)
-    yield from judge_mask_place(look, record.mask, size_px, lost, share, cell_px)
+    unsure_px = finding_error_px(record)
+    yield from judge_mask_place(look, record.mask, size_px, lost, share, cell_px, unsure_px)
     yield from judge_camera_place(look, record.camera_place, size_px, cell_px)
 
 
@@ -106,6 +108,7 @@ def judge_mask_place(
     lost: LostDirectLight,
     share: float,
     cell_px: float,
+    unsure_px: float = 0.0,
 ) -> list[VerdictFinding]:
     """The mask's picture against the projector's.
 
@@ -120,7 +123,7 @@ def judge_mask_place(
     grade = Cause.MASK_PLACE.value.grade(share)
     if flipped or (lost.mean >= _HOPELESS and look.direct > _HARDLY):
         grade = Grade.BAD
-    elif lie.median_px >= quarter_px:
+    elif lie.median_px >= quarter_px - unsure_px:
         grade = max(grade, Grade.DOUBTFUL)
     return judge(
         Cause.MASK_PLACE,
