@@ -37,6 +37,8 @@ refresh in half a minute at the fastest, which the black frames around every cod
 
 _LONGEST_S = 60.0
 """Longest lag or response of a device: what is more was meant in another unit."""
+_LONGEST_WAIT_S = 3600.0
+"""Longest time that a photo may take to arrive."""
 _SLOWEST_S = 1.0
 """A panel that takes so long to answer shows no code: dozens of refreshes pass meanwhile."""
 _RATES_HZ = 1e-3, 1e6
@@ -159,12 +161,13 @@ def find_rate_fault(config: Config) -> ConfigFault | None:
 
 def _size_faults(config: Config) -> Iterator[ConfigFault]:
     """Yield times, rates and f-numbers that no device has."""
-    times = ("skew_s", "jitter_s", "scan_s", "rise_s", "fall_s", "lag_s")
-    for name in ("projector", "mask", "trigger"):
+    longest = dict.fromkeys(("skew_s", "jitter_s", "scan_s", "lag_s"), _LONGEST_S)
+    longest |= dict.fromkeys(("rise_s", "fall_s"), _SLOWEST_S)
+    longest |= dict.fromkeys(("fetch_timeout_s", "readout_s"), _LONGEST_WAIT_S)
+    for name in ("projector", "mask", "trigger", "camera"):
         table = getattr(config, name)
-        for key in times:
-            value = getattr(table, key, 0.0)
-            longest_s = _SLOWEST_S if key in ("rise_s", "fall_s") else _LONGEST_S
+        for key, longest_s in longest.items():
+            value = getattr(table, key, None) or 0.0
             if math.isfinite(value) and abs(value) > longest_s:
                 yield ConfigFault(
                     (f"{name}.{key}",),
@@ -258,7 +261,9 @@ def _scene_faults(config: Config) -> Iterator[ConfigFault]:
             f'scene.path: belongs to scene.kind = "matrix", not to "{scene.kind}"',
         )
     if scene.path is not None and not Path(scene.path).is_file():
-        yield ConfigFault(("scene.path",), f"scene.path: there is no file {scene.path}")
+        missing = not Path(scene.path).exists()
+        what = f"there is no file {scene.path}" if missing else f"{scene.path} is no regular file"
+        yield ConfigFault(("scene.path",), f"scene.path: {what}")
     if config.schedule.cells is None and scene.grid is None and scene.kind == "matrix":
         return  # the cells are known only when the file is read
     rows, cols = config.code_grid()

@@ -21,7 +21,6 @@ from pdcd.bench.registry import DriverRole, load_driver
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from pdcd.capture.bench_check import check_frame
 from pdcd.errors import PdcdError
-from pdcd.panels.placing import Placing
 from pdcd.planning.make import plan_with_prior
 from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.profile import load_profile
@@ -42,8 +41,8 @@ def try_config(config: Config, known: Collection[str] = ()) -> list[str]:
 
 class _Check:
     def __init__(self, config: Config, known: Collection[str]) -> None:
-        self._config = config
         self._known = [key for key in known if _stands_at_default(config, key)]
+        self._config = _with_defaults(config, self._known)
         self._lines: list[str] = []
         self._grid: tuple[int, int] | None = None
         self._profile_read = False
@@ -97,17 +96,13 @@ class _Check:
         self._grid = build_scene(self._config.scene).grid
 
     def _context(self) -> DriverContext:
-        """What drivers are created with: of a wrong scene or place they shall not speak again."""
+        """What drivers are created with: of a wrong scene or profile they shall not speak again."""
         config = self._config
         if self._grid is None:
             config = msgspec.structs.replace(config, scene=SceneConfig())
         if not self._profile_read:
             camera = msgspec.structs.replace(config.camera, profile=CameraConfig().profile)
             config = msgspec.structs.replace(config, camera=camera)
-        for device in ("projector", "mask", "camera"):
-            if not self._sound((f"{device}.place",)):
-                table = msgspec.structs.replace(getattr(config, device), place=Placing())
-                config = msgspec.structs.replace(config, **{device: table})
         if not self._sound(("rig.clock",)):
             rig = msgspec.structs.replace(config.rig, clock="real")
             config = msgspec.structs.replace(config, rig=rig)
@@ -166,6 +161,19 @@ def _stands_at_default(config: Config, key: str) -> bool:
             return False
         found = getattr(found, name)
     return True
+
+
+def _with_defaults(config: Config, keys: Collection[str]) -> Config:
+    """The configuration with the defaults of keys that are at fault: no driver and no plan shall
+    meet a value of which somebody was told."""
+    for key in keys:
+        table, _, name = key.split("[")[0].partition(".")
+        name = name.partition(".")[0]
+        if name:
+            mended = {name: getattr(getattr(Config(), table), name)}
+            replaced = msgspec.structs.replace(getattr(config, table), **mended)
+            config = msgspec.structs.replace(config, **{table: replaced})
+    return config
 
 
 def _create(role: DriverRole, name: str, context: DriverContext) -> None:

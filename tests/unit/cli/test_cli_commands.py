@@ -248,6 +248,25 @@ def test_config_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         ]
 
 
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("[trigger]\nlag_s = inf\n", "trigger.lag_s: "),
+        ("[projector]\nsize_px = [99999, 768]\n", "projector.place: "),
+        ("[bench]\ntruth = 'none.toml'\n", "bench.truth: "),
+    ],
+)
+def test_one_wrong_value_is_one_fault(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, key: str
+) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    assert main(["config", "check", "--config", str(path)]) == 2
+    first, *lines = capsys.readouterr().err.splitlines()
+    assert first == f"pdcd: 1 fault in {path}:"
+    assert len(lines) == 1 and lines[0].strip().startswith(key)
+
+
 def test_serve_hands_over_configuration_and_socket(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, engine: type[StubEngine]
 ) -> None:
