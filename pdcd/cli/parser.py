@@ -19,7 +19,7 @@ from pdcd.words import GoalName, MovingName, PatternName, StepName
 
 EXIT_CODES = (
     "exit codes: 0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, "
-    "6 denied, 130 cancelled"
+    "6 denied, 130 cancelled (what lasts until Ctrl-C, as stream and serve do, ends by it with 0)"
 )
 LISTED = "list_"
 """What the names of filters of the list itself begin with. Those of a command behind it have their

@@ -40,7 +40,17 @@ _HELD_BACK = frozenset({"jpeg", "size_px", "arrays"})
 
 def show_stream(args: argparse.Namespace) -> int:
     """Show figures of pictures until Ctrl-C, an error, or for some time: by the daemon where one
-    answers, as the rig is its own, else in this process."""
+    answers, as the rig is its own, else in this process. Says so where nobody reads the figures
+    any more, for that ends the light."""
+    try:
+        return _show_stream(args)
+    except BrokenPipeError:
+        tell_user("nobody reads the figures any more: the stream has ended")
+        raise
+
+
+def _show_stream(args: argparse.Namespace) -> int:
+    """The same. Raises BrokenPipeError where nobody reads."""
     refuse_with_local(args, "socket", "queue")
     request, shown = _parse(args), _Shown(args)
     with ExitStack() as held:

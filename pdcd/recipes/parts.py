@@ -69,7 +69,7 @@ def check_parts(request: CaptureRequest) -> int:
     parts = request.parts if isinstance(request.parts, int) else 1
     if request.until_error is not None and parts < FEWEST_PARTS:
         raise RequestError(
-            f"{parts} parts cannot tell when the error is low enough",
+            f"{parts} part{'s' * (parts > 1)} cannot tell when the error is low enough",
             hint=f"take at least {FEWEST_PARTS} parts: their spread measures the error",
         )
     return parts

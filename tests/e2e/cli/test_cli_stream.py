@@ -68,3 +68,14 @@ def test_what_is_no_stream_is_said_in_words(
     assert "parts are too few for a stream" in capsys.readouterr().err
     assert main([*asked, "--rate", "0"]) == 2
     assert "rate_hz" in capsys.readouterr().err
+
+
+def test_a_reader_that_leaves_ends_the_stream_and_is_told_of(
+    config: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def leave(text: str) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("pdcd.cli.stream.write_stdout", leave)
+    assert main(["stream", "indirect", "--local", "--config", config, "--codes", "8"]) == 5
+    assert "nobody reads the figures any more" in capsys.readouterr().err
