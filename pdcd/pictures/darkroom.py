@@ -49,7 +49,7 @@ from pdcd.sensor.dead import (
     find_full_level,
     mark_full_samples,
 )
-from pdcd.sensor.raw import RawFrame, compute_colour_variance, to_colours
+from pdcd.sensor.raw import RawFrame, compute_colour_variance, shrink_image, to_colours
 from pdcd.sensor.shelf import PhotoShelf
 from pdcd.watch import Watch
 
@@ -407,7 +407,7 @@ class Darkroom:
         profile = self._record.profile
         self._check(shot, raw)
         raw = self._without_dead(shot, self._without_full(shot, raw))
-        raw = raw if self._side == 1 else raw.binned(self._side)
+        raw = raw if self._side == 1 else raw.binned(self._side, self._dead)
         factors = self._to_units(shot.iso, shot.f_number) / (shot.level or 1.0)
         realised = shown.realised
         if shot.window == "whole":
@@ -436,8 +436,11 @@ class Darkroom:
         cells = self._record.cells if self._planned[shot.name].all_light else None
         if self._dead is None and cells is not None and can_tell_samples(cells):
             self._dead = find_dead_samples(raw, self._record.profile, shot.iso)
+            dead = self._dead
+            if self._side > 1:
+                dead = shrink_image(dead.astype(np.float32), self._side) > 0.0
             for name, one in self._exposed.items():
-                self._exposed[name] = replace(one, raw=one.raw.without(self._dead))
+                self._exposed[name] = replace(one, raw=one.raw.without(dead))
         return raw if self._dead is None else raw.without(self._dead)
 
     def _check(self, shot: ShotRecord, raw: RawFrame) -> None:

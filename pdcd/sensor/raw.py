@@ -131,10 +131,14 @@ class RawFrame:
         """The same where these (h, w) tell nothing, either."""
         return replace(self, saturated=self.saturated | quads)
 
-    def binned(self, side: int) -> RawFrame:
-        """The same with squares of `side` x `side` quads in the place of single ones: the mean of
-        those that are not saturated, where these are half of them at least. `side` divides rows and
-        columns."""
+    def binned(self, side: int, dead: NDArray[np.bool_] | None = None) -> RawFrame:
+        """The same with squares of `side` x `side` quads in the place of single ones. Rows and
+        columns are multiples of `side`.
+
+        dead : (h, w), quads that are marked as saturated and tell nothing whatever they see. They
+        are left out of the mean, where half of a square is left at least. Of a square with a quad
+        that light has saturated nothing is known, as that quad is the brightest of it.
+        """
         rows, cols = (length // side for length in self.frame)
         samples = np.zeros((len(self.samples), rows, cols), np.float32)
         saturated = np.empty((rows, cols), np.bool_)
@@ -142,12 +146,13 @@ class RawFrame:
         def band(some: slice) -> None:
             fine = slice(side * some.start, side * some.stop)
             good = ~self.saturated[fine]
+            full = self.saturated[fine] if dead is None else self.saturated[fine] & ~dead[fine]
             share = shrink_image(good.astype(np.float32), side)
             for plane in range(len(samples)):
                 light = np.where(good, self.samples[plane, fine], np.float32(0.0))
                 mean = shrink_image(light, side)
                 np.divide(mean, share, out=samples[plane, some], where=share > 0.0)
-            saturated[some] = share < 0.5
+            saturated[some] = (share < 0.5) | (shrink_image(full.astype(np.float32), side) > 0.0)
 
         run_in_bands(rows, band)
         return replace(self, samples=samples, saturated=saturated, side=self.side * side)

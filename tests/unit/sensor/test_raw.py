@@ -167,23 +167,27 @@ def test_flipped_bit_is_noticed_by_the_hash(dng: Path) -> None:
         read_raw(dng, sha256=digest)
 
 
-def test_squares_of_quads_are_means_of_those_that_are_not_saturated() -> None:
+def test_squares_of_quads_are_means_without_dead_ones_and_unknown_with_a_full_one() -> None:
     rng = np.random.default_rng(8)
     samples = rng.integers(900, 4000, (4, 6, 8)).astype(np.uint16)
     saturated = np.zeros((6, 8), np.bool_)
     saturated[0, 1] = True  # one of four
     saturated[2:4, 2] = True  # two of four
     saturated[4, 4] = saturated[5, 4] = saturated[5, 5] = True  # three of four
+    dead = saturated.copy()
+    saturated[0, 6] = True  # one of four, and by light
     samples[:, saturated] = 16000
     black = np.array([1000.25, 1001.0, 1002.5, 999.0])
     frame = RawFrame(
         samples, saturated, black, black, True, 15000.0, 100, 1.0, 8.0, "", "", 0, "RGGB"
     )
-    coarse = frame.binned(2)
+    coarse = frame.binned(2, dead)
     assert coarse.frame == (3, 4) and coarse.side == 2
     wanted = np.zeros((3, 4), np.bool_)
-    wanted[2, 2] = True
+    wanted[2, 2] = wanted[0, 3] = True
     np.testing.assert_array_equal(coarse.saturated, wanted)
+    wanted[0, 0] = wanted[1, 1] = True
+    np.testing.assert_array_equal(frame.binned(2).saturated, wanted)
     light = np.where(saturated, np.nan, frame.planes.astype(np.float64))
     light = np.nanmean(light.reshape(4, 3, 2, 4, 2), axis=(2, 4))
     np.testing.assert_allclose(coarse.planes, light, rtol=1e-5)
