@@ -7,7 +7,7 @@ import hashlib
 from typing import TYPE_CHECKING
 
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import say, say_json
+from pdcd.cli.output import say, say_json, say_verdict
 from pdcd.errors import RequestError
 
 if TYPE_CHECKING:
@@ -42,6 +42,8 @@ def export(args: argparse.Namespace) -> int:
             say_json(_told(file, where))
         else:
             _say(file, where)
+    if not args.json:
+        say_verdict(files[0].quality, ())
     return DONE
 
 
@@ -58,6 +60,7 @@ def _told(file: ExportedFile, where: str) -> dict[str, object]:
         "below": file.below,
         "above": file.above,
         "unknown": file.unknown,
+        "verdict": file.quality.verdict,
     }
 
 

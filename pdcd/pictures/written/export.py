@@ -30,6 +30,7 @@ from pdcd.pictures.written.looks import WHITE_PICTURE, WhiteBalance, balance_by_
 from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.pictures.written.previews import LEAST_PX, MOST_PREVIEW_PX
 from pdcd.printable import to_one_line
+from pdcd.protocol.result import Quality
 from pdcd.runs.manifest import MANIFEST, MAX_MANIFEST_BYTES
 from pdcd.runs.record import Manifest
 from pdcd.runs.verify import read_whole_manifest
@@ -73,7 +74,8 @@ class ExportedFile(msgspec.Struct, frozen=True, kw_only=True):
 
     values : numbers of the picture, three a pixel, or one without colours. below, above, unknown :
         those under black, over white, and such as are no number; the first two are 0 where nothing
-        is clipped.
+        is clipped. quality : the verdict on the run; values alone do not show that the camera was
+        saturated there.
     """
 
     picture: str
@@ -85,6 +87,7 @@ class ExportedFile(msgspec.Struct, frozen=True, kw_only=True):
     below: int
     above: int
     unknown: int
+    quality: Quality
     data: bytes
 
 
@@ -115,7 +118,10 @@ def export_run_pictures(
         if asked.upright:
             images = _upright({name: images[name] for name in chosen}, view)
     told = _told(manifest, digest, asked, balance)
-    return tuple(_file(name, images[name], asked.format, told, span, alive) for name in chosen)
+    quality = manifest.quality
+    return tuple(
+        _file(name, images[name], asked.format, told, span, quality, alive) for name in chosen
+    )
 
 
 def _check(asked: ExportRequest) -> None:
@@ -214,6 +220,7 @@ def _told(
         "taken_utc": manifest.started_utc,
         "taken_by": f"pdcd {manifest.versions.get('pdcd', '?')}",
         "manifest_sha256": digest,
+        "verdict": manifest.quality.verdict,
     }
     return {name: to_one_line(words) for name, words in told.items()}
 
@@ -224,6 +231,7 @@ def _file(
     format_: _Format,
     told: dict[str, str],
     span: tuple[float, float] | None,
+    quality: Quality,
     alive: Callable[[], None],
 ) -> ExportedFile:
     alive()
@@ -258,6 +266,7 @@ def _file(
         below=below,
         above=above,
         unknown=int(known.size - known.sum()),
+        quality=quality,
         data=data,
     )
 

@@ -17,6 +17,7 @@ import pytest
 import tifffile
 
 from pdcd import __version__
+from pdcd.api.run import open_run
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.errors import RequestError
@@ -60,6 +61,7 @@ def test_floats_are_those_of_the_run(run: Path, tmp_path: Path) -> None:
         "scene": "virtual",
         "taken_by": f"pdcd {__version__}",
         "manifest_sha256": sha256((run / "capture.json").read_bytes()).hexdigest(),
+        "verdict": open_run(run).verdict,
         "scale": "1",
         "software": f"pdcd {__version__}",
     }
