@@ -34,6 +34,11 @@ from pdcd.verdict.causes import Cause, Grade, VerdictFinding
 from pdcd.watch import Watch
 
 _TEMPLATE = "acceptance.html"
+_STEPS: dict[Cause | None, str] = {
+    Cause.CODES_APART: "timing",
+    Cause.MASK_BLUR: "registration",
+}
+"""Steps of a calibration that find what is wrong with places; of others `geometry` does."""
 SCALE_OFF, NOISE_OFF, REPEAT_OFF = 0.1, 1.25, 1.5
 SUM_OFF, CARD_INDIRECT, ROOM_LIGHT = 0.03, 0.03, 0.05
 FULL_LEAST, FULL_MOST = 0.1, 0.98
@@ -184,7 +189,7 @@ def make_place_row(look: PanelLook | None, said: Iterable[VerdictFinding]) -> Ac
     ]
     if wrong:
         worst = max(wrong, key=lambda one: one.grade)
-        step = "timing" if worst.cause is Cause.CODES_APART else "geometry"
+        step = _STEPS.get(worst.cause, "geometry")
         return AcceptanceRow(check, "fail", worst.text, limit, f"run pdcd calibrate {step}")
     if look is None or look.mask is None:
         why = "no photos of blocks" if look is None or not look.why else look.why

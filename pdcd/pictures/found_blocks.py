@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pdcd.arrays import Bools, Floats
 from pdcd.panels.blocks import BlockPattern
 from pdcd.panels.map import Map
-from pdcd.pictures.raster import HERE, AffineMap, FieldRaster
+from pdcd.pictures.raster import HERE, AffineMap, FieldRaster, Flattener
 
 _REACHES_PX = (50.0, 16.0, 6.0, 4.0)
 """How far windows look for the pattern, round by round, in projector pixels."""
@@ -90,7 +90,7 @@ class PatternFinder:
     """Looks on a raster for blocks as a panel draws them whose map this is."""
 
     def __init__(self, blocks: BlockPattern, raster: FieldRaster, panel: Map) -> None:
-        self._blocks, self._raster, self._panel = blocks, raster, panel
+        self._blocks, self.raster, self._panel = blocks, raster, panel
         width, height = raster.size_px
         self._block_px = float(np.sqrt(width * height / (blocks.cols * blocks.rows)))
         self._level_px = _LEVEL * self._block_px
@@ -115,14 +115,14 @@ class PatternFinder:
         fine = np.where(on, picture[pixel[..., 1], pixel[..., 0]], 0.0)
         image = _blocks_of(fine, _FINER)
         blurred: Floats = scipy.ndimage.gaussian_filter(
-            image, 0.5 * self._raster.pitch / self._step, mode="constant"
+            image, 0.5 * self.raster.pitch / self._step, mode="constant"
         )
         return blurred
 
     def shown(self, places: Floats) -> Floats:
         """The pattern at places in projector pixels (..., 2)."""
         image = self._image
-        width, height = self._raster.size_px
+        width, height = self.raster.size_px
         rows, cols = image.shape
         at = places * (cols / width, rows / height) - 0.5
         found: Floats = scipy.ndimage.map_coordinates(
@@ -132,7 +132,7 @@ class PatternFinder:
 
     def find(self, seen: Floats, known: Bools, believed: AffineMap = HERE) -> FoundPattern | None:
         """Where the pattern is in a picture on the raster; None where it is nowhere to be found."""
-        flat = _flat(seen, known, self._level_px / self._raster.pitch)
+        flat = _flat(seen, known, self._level_px / self.raster.pitch)
         found = self._refined(flat, seen, known, believed)
         if found is None:
             for start in self._anywhere(flat, known):
@@ -165,8 +165,8 @@ class PatternFinder:
     @cached_property
     def _corners(self) -> tuple[NDArray[np.int64], int]:
         """Upper left corners of the windows, (n, 2) rows and columns, and their side, in points."""
-        rows, cols = self._raster.shape
-        side = min(round(WINDOW_BLOCKS * self._block_px / self._raster.pitch), min(rows, cols) // 3)
+        rows, cols = self.raster.shape
+        side = min(round(WINDOW_BLOCKS * self._block_px / self.raster.pitch), min(rows, cols) // 3)
         down, across = (
             np.linspace(0, length - side, count).round().astype(np.int64)
             for length, count in zip((rows, cols), _WINDOWS, strict=True)
@@ -183,7 +183,7 @@ class PatternFinder:
     ) -> Iterator[tuple[int, Floats, Floats, float]]:
         """Number and centre of each window that shows something, by how much the pattern is further
         on than `now` says, in projector pixels of the pattern, and the correlation there."""
-        raster = self._raster
+        raster = self.raster
         corners, side = self._corners
         reach = int(np.ceil(reach_px / raster.pitch))
         for number, (down, across) in enumerate(corners.tolist()):
@@ -201,7 +201,7 @@ class PatternFinder:
         self, seen: Floats, known: Bools, now: AffineMap, numbers: NDArray[np.int64]
     ) -> Floats:
         """Of the pattern in windows of a picture that was not flattened, (n,)."""
-        points, found = self._raster.points(), []
+        points, found = self.raster.points(), []
         for number in numbers.tolist():
             cut = self._cut(number)
             good = known[cut]
@@ -216,8 +216,7 @@ class PatternFinder:
         """Variance of where the pattern was found, (n,) square pixels, right and down together, at
         `places` of the field (n, 2): by how much patches of the picture, each by itself, would have
         the map otherwise. `map_` is where it was found."""
-        raster, points = self._raster, self._raster.points()
-        block = np.floor(points / (_PATCH * self._block_px)).astype(np.int64)
+        raster, points = self.raster, self.raster.points()
         inside = known & np.all((points >= 0.0) & (points < raster.size_px), axis=-1)
         level = self._level_px / raster.pitch
 
@@ -234,13 +233,22 @@ class PatternFinder:
         ]
         base, wanted = (_affine_base(at, raster.size_px) for at in (points[inside], places))
         design = np.concatenate([slope[:, None] * base for slope in slopes], axis=1)
-        patch = np.unique(block[inside] @ (1, 4096), return_inverse=True)[1].ravel()
+        patch = self.number_patches(points[inside])
         pull = np.zeros((patch.max(initial=0) + 1, 6))
         np.add.at(pull, patch, design * (light - depth * pattern)[:, None])
         back = np.linalg.pinv(design.T @ design)
         spread = back @ (pull.T @ pull) @ back * len(pull) / max(len(pull) - 6, 1)
         across, along = spread[:3, :3], spread[3:, 3:]
         return np.asarray(np.einsum("ni,ij,nj->n", wanted, across + along, wanted))
+
+    def number_patches(self, points: Floats) -> NDArray[np.int64]:
+        """Which patch each of the points (n, 2) lies in, (n,)."""
+        block = np.floor(points / (_PATCH * self._block_px)).astype(np.int64)
+        return np.asarray(np.unique(block @ (1, 4096), return_inverse=True)[1].ravel())
+
+    def flattener(self, known: Bools) -> Flattener:
+        """What takes the level off pictures on the raster that are known there."""
+        return Flattener(known, self._level_px / self.raster.pitch)
 
     def left_at(
         self, seen: Floats, known: Bools, found: FoundPattern, there: AffineMap
@@ -251,7 +259,7 @@ class PatternFinder:
         The pattern of a panel that lies elsewhere leaves nothing where it was believed to be; that
         of a panel in place, which a mirror shows once more, does.
         """
-        points, parts = self._raster.points(), []
+        points, parts = self.raster.points(), []
         for number in range(len(self._corners[0])):
             cut = self._cut(number)
             good = known[cut]
@@ -272,12 +280,12 @@ class PatternFinder:
             self._image, 0.4 * pitch / self._step, mode="constant"
         )
         every = max(1, int(0.3 * pitch / self._step))
-        step = self._raster.size_px[0] / self._steps[0]
+        step = self.raster.size_px[0] / self._steps[0]
         return _Coarse(blurred[::every, ::every], every * step, 0.5 * step)
 
     def _anywhere(self, flat: Floats, known: Bools) -> list[AffineMap]:
         """Where all of a pattern may be, the likeliest first."""
-        raster = self._raster
+        raster = self.raster
         step = max(1, max(raster.shape) // _COARSE)
         rows, cols = (length // step for length in raster.shape)
         coarse = _blocks_of(np.where(known, flat, 0.0), step)
@@ -358,14 +366,10 @@ def _blocks_of(values: Floats, side: int) -> Floats:
 def _flat(seen: Floats, known: Bools, sigma: float) -> Floats:
     """A picture with the same level and contrast everywhere, 0 where nothing is known."""
 
-    def low(values: Floats) -> Floats:
-        return np.asarray(scipy.ndimage.gaussian_filter(values, sigma, mode="constant"))
-
-    weight = np.maximum(low(known.astype(np.float64)), 1e-3)
-    light = np.where(known, seen, 0.0)
-    flat = np.where(known, light - low(light) / weight, 0.0)
-    spread = np.sqrt(low(flat**2) / weight)
-    floor = 1e-3 * float(np.abs(light).max(initial=0.0)) + 1e-12
+    flattener = Flattener(known, sigma)
+    flat = flattener.flatten(seen)
+    spread = np.sqrt(flattener.blur(flat**2) / flattener.weight)
+    floor = 1e-3 * float(np.abs(np.where(known, seen, 0.0)).max(initial=0.0)) + 1e-12
     return np.asarray(np.clip(flat / np.maximum(spread, floor), -3.0, 3.0))
 
 

@@ -23,6 +23,7 @@ from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import BlockPattern
 from pdcd.panels.map import Map, find_pixels_on
 from pdcd.panels.windows import WindowKind, find_window_kind
+from pdcd.pictures.block_blur import measure_block_edges, measure_blur_before_mask
 from pdcd.pictures.found_blocks import FEWEST, FLIPS, WINDOW_BLOCKS, FoundPattern, PatternFinder
 from pdcd.pictures.raster import HERE, AffineMap, FieldRaster
 from pdcd.probing.cell_size import compute_leak, compute_leak_rms, compute_own_share
@@ -115,13 +116,20 @@ def find_panel_places(
     # Of a window that is the error of all of them together, and that of fewer blocks.
     of_window = variance[len(places) // 2] * max(1.0, blocks.rows * blocks.cols / WINDOW_BLOCKS**2)
     noise = max(_NOISE_PX**2, float(of_window))
-    contrast = np.median(projector.contrast[one] / np.maximum(mask.contrast[other], 1e-3))
+    contrast = projector.contrast[one] / np.maximum(mask.contrast[other], 1e-3)
+    direct = float(np.median(contrast))
+    edges = measure_block_edges(finder, *seen, projector)
+    of_mask_edges = measure_block_edges(of_mask, *through, mask)
+    blur = measure_blur_before_mask(edges, of_mask_edges)
+    if blur:
+        direct = edges.depth / of_mask_edges.depth
     return PanelLook(
         mask=_six(AffineMap(fit[:2].T, fit[2])),
         camera=_six(projector.map),
         rest_px=float(np.sqrt(max(rest**2 - noise, 0.0))),
         sigma_px=float(np.sqrt(variance.max())),
-        direct=float(np.clip(contrast, 0.0, 1.0)),
+        blur_px=blur,
+        direct=float(np.clip(direct, 0.0, 1.0)),
         mask_seen=True,
     )
 
@@ -250,9 +258,11 @@ class LostDirectLight:
     rms: float = 0.0
 
 
-def estimate_lost_direct(record: RunRecord, window: str) -> LostDirectLight:
-    """What is lost through such windows because the mask lies elsewhere; none where nobody looked,
-    or the look tells nothing."""
+def estimate_lost_direct(
+    record: RunRecord, window: str, *, blurred: bool = True
+) -> LostDirectLight:
+    """What is lost through such windows because the mask lies elsewhere, and by a blur beyond the
+    known one, if that counts; none where nobody looked, or the look tells nothing."""
     look = record.panels
     if look is None or look.mask is None:
         return LostDirectLight()
@@ -261,8 +271,8 @@ def estimate_lost_direct(record: RunRecord, window: str) -> LostDirectLight:
         return LostDirectLight(1.0, 1.0)
     side, cell = find_window_kind(window).side, mean_cell_px(record)
     offset = field_shifts_px(look.mask, size_px, known_shift_px(record.mask))
-    spread = _spread_px(record, look)
     blur, none = record.mask.blur_px, np.zeros(1)
+    spread = _spread_px(record, look) if blurred else float(np.hypot(blur, look.rest_px))
     right, down = _sure(offset, record, look).T
     mean = compute_leak(cell, side, (right, down), spread) - compute_leak(
         cell, side, (none, none), blur
@@ -346,7 +356,7 @@ def _quad_px(record: RunRecord) -> float:
 
 def _spread_px(record: RunRecord, look: PanelLook) -> float:
     """Blur on the mask, and what places lie elsewhere beside a look's map."""
-    return float(np.hypot(record.mask.blur_px, look.rest_px))
+    return float(np.hypot(max(record.mask.blur_px, look.blur_px), look.rest_px))
 
 
 def find_quads_beside_mask(record: RunRecord, cells: CellMap) -> Bools | None:

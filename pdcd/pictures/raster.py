@@ -91,3 +91,21 @@ class FieldRaster:
         middle = 0.5 * np.array(camera.size_px, dtype=np.float64)
         slope = camera.jacobian(middle) * np.array(self.size_px)[:, None]
         return float(np.sqrt(abs(np.linalg.det(slope)))) * camera.size_px[0]
+
+
+class Flattener:
+    """Takes the level off pictures on a raster: light that is spread, and shade. known : where they
+    tell anything. sigma : in points, standard deviation of the mean that is the level."""
+
+    def __init__(self, known: Bools, sigma: float) -> None:
+        self._known, self._sigma = known, sigma
+        self.weight: Floats = np.maximum(self.blur(known.astype(np.float64)), 1e-3)
+
+    def blur(self, values: Floats) -> Floats:
+        """The sum around each point, as the mean weighs it."""
+        return np.asarray(scipy.ndimage.gaussian_filter(values, self._sigma, mode="constant"))
+
+    def flatten(self, light: Floats) -> Floats:
+        """A picture less its mean around each point; 0 where nothing is known."""
+        light = np.where(self._known, light, 0.0)
+        return np.where(self._known, light - self.blur(light) / self.weight, 0.0)

@@ -119,6 +119,9 @@ class PanelLook(msgspec.Struct, frozen=True, kw_only=True):
     sigma_px: NonNegative = 0.0
     """Standard deviation of where the mask was found, where that is least sure, by what patches of
     the photos tell."""
+    blur_px: NonNegative = 0.0
+    """Standard deviation of the blur of light on its way to the mask, without what the photos
+    cannot tell from none. `blur_px` of the mask is part of it."""
     direct: Annotated[float, Meta(ge=0.0, le=1.0)]
     """Share of direct light in the scene's light, roughly; 0 where the projector's blocks are not
     seen."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -42,16 +42,18 @@ def judge_blocks(seen: Evidence, look: PanelLook) -> Iterator[VerdictFinding]:
     record, image = seen.record, seen.decoded.answer.image
     windows = {shot.name: shot.window for shot in record.shots}
     shown = [windows[n] for n in seen.names if n in windows and not seen.planned[n].white]
-    lost = estimate_lost_direct(record, next(iter(shown), "whole"))
     answer = compute_rms(seen.inside(image))
-    share = _predict_share(look.direct, lost.rms)
     white, direct = (seen.pictures.get(name) for name in ("white", "direct"))
-    if white is not None and answer > 0.0 and record.goal.name != "fraction":
+
+    def share(lost: LostDirectLight) -> float:
+        if white is None or not answer > 0.0 or record.goal.name == "fraction":
+            return _predict_share(look.direct, lost)
         light = look.direct * seen.inside(white.image)
         if lost.mean < _HOPELESS and direct is not None:
             light = seen.inside(direct.image) / (1.0 - lost.mean)
-        share = lost.rms * float(np.sqrt(np.nanmean(light**2))) / answer
-    yield from _judge_look(record, look, lost, share)
+        return lost.rms * float(np.sqrt(np.nanmean(light**2))) / answer
+
+    yield from _judge_look(record, look, next(iter(shown), "whole"), share)
     beside = find_quads_beside_mask(record, seen.cells)
     if beside is not None and beside.any():
         part = float(np.count_nonzero(beside & seen.cells.known)) / max(
@@ -67,26 +69,29 @@ def list_placement_warnings(record: RunRecord, window: str) -> list[str]:
     look = record.panels
     if look is None:
         return []
-    lost = estimate_lost_direct(record, window)
-    share = _predict_share(look.direct, lost.rms)
-    return [finding.text for finding in _judge_look(record, look, lost, share)]
+    found = _judge_look(record, look, window, lambda lost: _predict_share(look.direct, lost))
+    return [finding.text for finding in found]
 
 
-def _predict_share(direct: float, lost: float) -> float:
+def _predict_share(direct: float, lost: LostDirectLight) -> float:
     """Error of indirect light by direct light that was lost to it, in a scene with such a share of
     direct light."""
-    return lost * direct / max(1.0 - direct + lost * direct, _HARDLY)
+    return lost.rms * direct / max(1.0 - direct + lost.rms * direct, _HARDLY)
 
 
 def _judge_look(
-    record: RunRecord, look: PanelLook, lost: LostDirectLight, share: float
+    record: RunRecord, look: PanelLook, window: str, share: Callable[[LostDirectLight], float]
 ) -> Iterator[VerdictFinding]:
-    """Both panels and the camera; `share` is of the answer, by direct light that was lost."""
+    """Both panels and the camera. share : of the answer, by direct light that was lost."""
     size_px, cell_px = record.projector.field_size_px, mean_cell_px(record)
     measured = record.mask.place.map is not None and record.camera_place.map is not None
     yield from judge_unseen_panels(look, measured=measured)
+    lost = estimate_lost_direct(record, window, blurred=False)
     unsure_px = finding_error_px(record)
-    yield from judge_mask_place(look, record.mask, size_px, lost, share, cell_px, unsure_px)
+    yield from judge_mask_place(look, record.mask, size_px, lost, share(lost), cell_px, unsure_px)
+    if look.blur_px > record.mask.blur_px and look.upright:
+        lost = estimate_lost_direct(record, window)
+        yield from judge_mask_blur(look, record.mask.blur_px, lost, share(lost))
     yield from judge_camera_place(look, record.camera_place, size_px, cell_px)
 
 
@@ -133,6 +138,19 @@ def judge_mask_place(
         lost="all" if flipped else lost.mean,
         quarter_px=quarter_px,
         mend=_describe_mend("mask", mask.place, lie),
+    )
+
+
+def judge_mask_blur(
+    look: PanelLook, known_px: float, lost: LostDirectLight, share: float
+) -> list[VerdictFinding]:
+    """A blur of light on its way to the mask beyond the known one. share : RMS of the direct light
+    that it sends through wrong cells over the RMS of the answer."""
+    grade = Cause.MASK_BLUR.value.grade(share)
+    if lost.mean >= _HOPELESS and look.direct > _HARDLY:
+        grade = Grade.BAD
+    return judge(
+        Cause.MASK_BLUR, share, grade, blur_px=look.blur_px, known_px=known_px, lost=lost.mean
     )
 
 

@@ -87,6 +87,7 @@ CASES = [
      ("camera", "none", 0.0, (20.0, 0.0))),
     (place("camera", MIRRORED), WRONG, f"{CAMERA} is mirrored left to right",
      ("camera", "horizontal", 0.0, (0.0, 0.0))),
+    ("[scene]\nblur_px = 6.0", WRONG, "light is blurred by", ("mask", "none", 0.0, (0.0, 0.0))),
     *(
         pytest.param(*case, marks=pytest.mark.long)  # of the same kinds
         for case in (

@@ -32,6 +32,11 @@ def test_codes_that_do_not_meet_are_a_matter_of_times() -> None:
     assert row.state == "fail" and "calibrate timing" in row.advice
 
 
+def test_a_blur_is_a_matter_of_focus_and_registration() -> None:
+    row = make_place_row(SEEN, judge(Cause.MASK_BLUR, 0.5, blur_px=4.0, known_px=0.0, lost=0.2))
+    assert row.state == "fail" and "calibrate registration" in row.advice
+
+
 def test_remarks_pass() -> None:
     said = [VerdictFinding(Grade.REMARK, "the mask is a little small", Cause.BESIDE_MASK)]
     row = make_place_row(SEEN, said)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+import scipy
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import map_to_field
@@ -59,8 +61,15 @@ class Lies:
         return np.asarray((lies - self.shift) @ np.linalg.inv(self.linear).T)
 
 
-def seen(blocks: BlockPattern, panel: tuple[int, int], lies: Lies, camera: Lies) -> Floats:
-    """What quads see of the blocks on a panel, (h, w): its pixels are drawn one by one."""
+def seen(
+    blocks: BlockPattern,
+    panel: tuple[int, int],
+    lies: Lies,
+    camera: Lies,
+    blur: Sequence[tuple[float, float]] = ((1.0, 0.0),),
+) -> Floats:
+    """What quads see of the blocks on a panel, (h, w): its pixels are drawn one by one. blur :
+    shares of the light, and by how many projector pixels each is blurred."""
     width, height = QUADS
     x, y = ((np.arange(n * POINTS) + 0.5) / (n * POINTS) for n in (width, height))
     at = camera.lies(np.stack(np.meshgrid(x, y), axis=-1) * SIZE)
@@ -70,7 +79,9 @@ def seen(blocks: BlockPattern, panel: tuple[int, int], lies: Lies, camera: Lies)
     centre = (pixel + 0.5) / panel
     block = np.clip(np.floor(centre * (blocks.cols, blocks.rows)), 0, None).astype(int)
     block = np.minimum(block, (blocks.cols - 1, blocks.rows - 1))
-    lit = blocks.bits[block[..., 1], block[..., 0]] & on
+    lit = np.where(on, blocks.bits[block[..., 1], block[..., 0]], 0.0)
+    step = WIDTH / (width * POINTS)
+    lit = sum(share * scipy.ndimage.gaussian_filter(lit, px / step) for share, px in blur)
     return np.asarray(lit.reshape(height, POINTS, width, POINTS).mean(axis=(1, 3)))
 
 
@@ -81,18 +92,22 @@ def looked(
     electrons: float = 5000.0,
     mirror: bool = False,
     projector: PanelConfig | None = None,
+    blur: Sequence[tuple[float, float]] = ((1.0, 0.0),),
+    lens_px: float = 0.0,
 ) -> PanelLook:
     """A look at a textured scene with that share of direct light, through all its noise. mirror :
     other light is that of the mirrored place, and not of all places. projector : whose field this
-    is; None: it has its whole picture."""
+    is; None: it has its whole picture. blur : of light before the mask, as shares of it with so
+    many projector pixels each. lens_px : of the camera."""
     random = np.random.default_rng(3)
     blocks = BlockPattern.of((PROJECTOR, MASK), WIDTH / QUADS[0])
     assert blocks is not None
     camera = camera or Lies()
     texture = electrons * np.exp(0.6 * random.normal(size=QUADS[::-1]))
-    here = seen(blocks, PROJECTOR, Lies(), camera)
+    before = [(share, float(np.hypot(px, lens_px))) for share, px in blur]
+    here = seen(blocks, PROJECTOR, Lies(), camera, before)
     first = direct * here + (1.0 - direct) * (here[:, ::-1] if mirror else 0.5)
-    second = seen(blocks, MASK, mask, camera)
+    second = seen(blocks, MASK, mask, camera, [(1.0, lens_px)])
     white, one, other = (
         random.poisson(texture * share).astype(np.float64) for share in (1.0, first, second)
     )
@@ -167,6 +182,27 @@ def test_little_direct_light_is_enough_and_none_is_said() -> None:
     assert abs(make_affine_map(faint.mask)(MIDDLE)[0] - MIDDLE[0] - 10.0) < 0.2 * WIDTH / QUADS[0]
     none = looked(Lies((10.0, 0.0)), direct=0.0)
     assert none.mask is None and none.mask_seen and none.direct == 0.0
+
+
+@pytest.mark.parametrize("lens_px", [0.0, 3.0])
+@pytest.mark.parametrize("blur_px", [0.0, 2.5, 4.0, 8.0, 14.0])
+def test_a_blur_of_light_before_the_mask_is_told_from_that_of_the_lens(
+    blur_px: float, lens_px: float
+) -> None:
+    found = looked(Lies(), blur=[(1.0, blur_px)], lens_px=lens_px)
+    assert found.blur_px == pytest.approx(blur_px, rel=0.25 if blur_px < 4.0 else 0.1)
+    assert found.direct == pytest.approx(0.6, abs=0.05)
+
+
+@pytest.mark.parametrize("mask", [Lies(), Lies((-11.0, 5.0), turn=3.0, scale=0.9)])
+def test_a_blur_is_found_through_a_mask_that_lies_elsewhere(mask: Lies) -> None:
+    assert looked(mask, blur=[(1.0, 8.0)]).blur_px == pytest.approx(8.0, rel=0.1)
+    assert looked(mask).blur_px == 0.0
+
+
+@pytest.mark.parametrize("wide_px", [4.0, 8.0, 30.0])
+def test_a_scene_that_scatters_half_of_its_light_has_no_blur(wide_px: float) -> None:
+    assert looked(Lies(), blur=[(0.5, 0.0), (0.5, wide_px)]).blur_px == 0.0
 
 
 def test_a_mirror_in_the_scene_is_not_taken_for_a_mirrored_panel() -> None:

@@ -11,7 +11,12 @@ from pdcd.panels.placing import Placing
 from pdcd.pictures.misplaced import LostDirectLight
 from pdcd.runs.record import PanelLook, Six
 from pdcd.verdict.causes import Grade
-from pdcd.verdict.misplaced import judge_camera_place, judge_mask_place, judge_unseen_panels
+from pdcd.verdict.misplaced import (
+    judge_camera_place,
+    judge_mask_blur,
+    judge_mask_place,
+    judge_unseen_panels,
+)
 
 SIZE = (1024, 768)
 
@@ -56,6 +61,21 @@ def test_a_mask_a_quarter_of_a_cell_off_is_doubtful_whatever_the_answer_is(
     mask = PanelConfig(size_px=(1600, 1200))
     found = list(judge_mask_place(moved, mask, SIZE, LostDirectLight(0.01, 0.02), 0.01, 16.0, 0.2))
     assert [one.grade for one in found] == grades
+
+
+@pytest.mark.parametrize(
+    ("share", "lost", "grade"),
+    [(0.05, 0.1, None), (0.07, 0.1, Grade.DOUBTFUL), (0.5, 0.1, Grade.BAD), (0.3, 0.6, Grade.BAD)],
+)
+def test_a_blur_counts_by_what_it_does_to_the_answer(
+    share: float, lost: float, grade: Grade | None
+) -> None:
+    """Where it sends more than half of the direct light astray, photos tell no share."""
+    blurred = structs.replace(look((1.0, 0.0, 0.0, 0.0, 1.0, 0.0)), blur_px=8.2)
+    found = judge_mask_blur(blurred, 1.5, LostDirectLight(lost, lost), share)
+    assert [one.grade for one in found] == ([] if grade is None else [grade])
+    for one in found:
+        assert "by 8.2 px" in one.text and "by 1.5 px" in one.text
 
 
 def test_blocks_that_are_not_seen_and_a_camera_that_looks_elsewhere_are_doubtful() -> None:
