@@ -322,8 +322,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         bool | None,
         describe_field(
             "let masks of long- and short-range light have grey levels, which count it more "
-            "evenly, for less light; default: if the mask can show them and it is known what "
-            "light they give",
+            "evenly, for less light; default: if the mask can show them and their light was "
+            "measured",
             "codes",
         ),
     ] = None

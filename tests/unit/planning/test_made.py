@@ -203,15 +203,25 @@ def test_bit_planes_show_black_and_white_alone() -> None:
     ("tables", "asked", "grey", "told"),
     [
         ({}, None, True, "more evenly"),
-        ({"mask": {"gamma": 2.2}, "bench": {"truth": "x.toml"}}, None, True, "more evenly"),
+        ({"mask": {"gamma": 2.2}, "bench": {"truth": "x.toml"}}, None, False, "nobody measured"),
+        (
+            {
+                "mask": {"gamma": 2.2},
+                "bench": {"truth": "x.toml"},
+                "calibration": {"typed": {"mask.gamma": "1.8"}},
+            },
+            None,
+            True,
+            "more evenly",
+        ),
         ({"mask": {"lut": (0.0, 0.2, 1.0)}, "bench": {"truth": "x.toml"}}, None, True, "more even"),
-        ({"projector": {"gamma": 2.2}, "bench": {"truth": "x.toml"}}, None, False, "not known"),
+        ({"projector": {"gamma": 2.2}, "bench": {"truth": "x.toml"}}, None, False, "nobody"),
         ({"display": {"planes_per_refresh": 24}}, None, False, "bit planes"),
         ({}, False, False, ""),
         ({"bench": {"truth": "x.toml"}}, True, True, ""),
     ],
 )
-def test_masks_of_far_light_are_grey_where_their_light_is_known(
+def test_masks_of_far_light_are_grey_where_their_light_was_measured(
     tables: dict[str, Any], asked: bool | None, grey: bool, told: str
 ) -> None:
     rig, grid = config(**tables), (12, 16)
