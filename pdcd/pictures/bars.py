@@ -393,12 +393,12 @@ def _with_misplaced_light(
     cells: CellMap,
 ) -> dict[str, PictureWithErrors]:
     """Pictures whose code error knows of direct light that goes through wrong cells because the
-    mask lies elsewhere (`pdcd.pictures.misplaced`), where they are made of a photo of indirect
+    mask lies elsewhere (`pdcd.pictures.lost_direct`), where they are made of a photo of indirect
     light, and a white one tells how much light there is.
 
     photos : scaled ones.
     """
-    from pdcd.pictures.misplaced import estimate_misplaced_light  # few runs have looked
+    from pdcd.pictures.lost_direct import estimate_misplaced_light  # few runs have looked
 
     white, found = list_white_photos(recipe), dict(pictures)
     windows = {shot.name: shot.window for shot in record.shots}
@@ -416,7 +416,7 @@ def _without_blind(
     pictures: Mapping[str, PictureWithErrors], record: RunRecord, cells: CellMap
 ) -> dict[str, PictureWithErrors]:
     """Pictures of which nothing is known where quads see a place beside the mask's picture."""
-    from pdcd.pictures.misplaced import find_quads_beside_mask  # few runs have looked
+    from pdcd.pictures.lost_direct import find_quads_beside_mask  # few runs have looked
 
     beside = find_quads_beside_mask(record, cells)
     if beside is None or not beside.any():

@@ -145,7 +145,7 @@ def measure_own_part(cells: CellMap) -> float:
 def _find_unexplained(seen: Evidence, lost: float) -> float:
     """What is lost beside what goes through wrong cells of a mask that lies elsewhere, which has a
     row of its own."""
-    from pdcd.pictures.misplaced import estimate_lost_direct  # few runs have looked
+    from pdcd.pictures.lost_direct import estimate_lost_direct  # few runs have looked
 
     windows = {shot.name: shot.window for shot in seen.record.shots}
     shown = [windows[n] for n in seen.names if n in windows and not seen.planned[n].white]

@@ -10,12 +10,14 @@ from pdcd.arrays import Bools, Floats
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
-from pdcd.pictures.misplaced import (
+from pdcd.pictures.lost_direct import (
     LostDirectLight,
-    Misplacement,
     estimate_lost_direct,
     find_quads_beside_mask,
     finding_error_px,
+)
+from pdcd.pictures.misplaced import (
+    Misplacement,
     known_shift_px,
     mean_cell_px,
     measure_misplacement,

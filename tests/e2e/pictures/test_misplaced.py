@@ -19,7 +19,8 @@ from pdcd.bench.tables import (
 )
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import Frames
-from pdcd.pictures.misplaced import estimate_lost_direct, measure_misplacement
+from pdcd.pictures.lost_direct import estimate_lost_direct
+from pdcd.pictures.misplaced import measure_misplacement
 from tests.taken import Taken, take
 
 pytestmark = pytest.mark.whole

@@ -15,10 +15,9 @@ from pdcd.bench.placed import map_to_field
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import BlockPattern
 from pdcd.panels.map import Map
+from pdcd.pictures.lost_direct import estimate_lost_by_quad, estimate_lost_direct
 from pdcd.pictures.misplaced import (
     BlockPhotos,
-    estimate_lost_by_quad,
-    estimate_lost_direct,
     field_shifts_px,
     find_panel_places,
     make_affine_map,

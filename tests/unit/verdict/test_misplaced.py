@@ -8,7 +8,7 @@ from msgspec import structs
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
-from pdcd.pictures.misplaced import LostDirectLight
+from pdcd.pictures.lost_direct import LostDirectLight
 from pdcd.runs.record import PanelLook, Six
 from pdcd.verdict.causes import Grade
 from pdcd.verdict.misplaced import (
