@@ -40,90 +40,21 @@ _SHARP, _SHARP_IF_NARROW = 0.22, 0.5
 wide blur leaves less than 0.16, and of a narrow one it is hardly told."""
 
 
-@dataclass(frozen=True, eq=False)
-class BlockEdges:
-    """Edges of a panel's blocks in a photo.
-
-    finder, found : where the pattern was found. seen, known : the photo on the raster, and where it
-    is known. depth : by how much light goes up and down with the pattern, were it not blurred.
-    squared_px : squared blur of the edges, that of smoothing and of quads included, and sigma_px2
-    its standard deviation, both in square projector pixels.
-    """
-
-    finder: PatternFinder
-    found: FoundPattern
-    seen: Floats
-    known: Bools
-    depth: float
-    squared_px: float
-    sigma_px2: float
-
-
-def measure_block_edges(
-    finder: PatternFinder, seen: Floats, known: Bools, found: FoundPattern
-) -> BlockEdges:
-    """How wide the edges of a pattern are where it was found: by least squares of the photo on the
-    pattern and on how that changes with its blur, from sharp edges on."""
-    basis, point = _Basis(finder, known, found), finder.raster.pitch**2
-    light = basis.light(seen)
-    squared, sigma = _SMOOTHED * point, 0.0
-    for _ in range(_ROUNDS):
-        before = max(squared, 0.0)
-        design = np.stack([basis.pattern(before), basis.slope(before)], axis=1)
-        depth, change = np.linalg.lstsq(design, light, rcond=None)[0]
-        if not depth > 0.0:
-            return BlockEdges(finder, found, seen, known, 0.0, 0.0, np.inf)
-        squared = before + change / depth
-        sigma = basis.spread(design, light - design @ (depth, change)) / depth
-        if abs(squared - before) < _SETTLED * max(before, point) or squared < 0.0:
-            break
-    return BlockEdges(finder, found, seen, known, float(depth), float(squared), float(sigma))
-
-
-def measure_blur_before_mask(projector: BlockEdges, mask: BlockEdges) -> float:
-    """Standard deviation in projector pixels of the blur that light has before it reaches the mask,
-    without what photos cannot tell from none; 0 where edges are sharp, or the scene scatters.
-
-    Caller: `pdcd.pictures.misplaced.find_panel_places`, for the error bars and the verdict.
-    """
-    point = projector.finder.raster.pitch**2
-    lens = max(mask.squared_px - _SMOOTHED * point, 0.0)
-    found = projector.squared_px - mask.squared_px
-    unsure = _SIGMAS * np.hypot(projector.sigma_px2, mask.sigma_px2)
-    sure = found - unsure - _UNSURE * point - _LENS_UNSURE * lens
-    if not sure > 0.0:
-        return 0.0
-    sharp = _measure_sharp_share(projector, mask.squared_px, found)
-    if sharp > (_SHARP if found > _WIDE * point else _SHARP_IF_NARROW):
-        return 0.0
-    return float(np.sqrt(sure))
-
-
-def _measure_sharp_share(edges: BlockEdges, sharp_px2: float, blur_px2: float) -> float:
-    """Share of a pattern's light with edges as sharp as those of the mask's, beside light with
-    wider ones."""
-    basis = _Basis(edges.finder, edges.known, edges.found)
-    light = basis.light(edges.seen)
-    wider = [sharp_px2 + (times**2) * blur_px2 for times in _WIDER]
-    design = np.stack([basis.pattern(squared) for squared in (sharp_px2, *wider)], axis=1)
-    parts = scipy.optimize.nnls(design, light)[0]
-    return float(parts[0] / parts.sum()) if parts.any() else 0.0
-
-
-class _Basis:
+class PatternBasis:
     """A pattern as a photo shows it, at the known points of the field, with any blur."""
 
     def __init__(self, finder: PatternFinder, known: Bools, found: FoundPattern) -> None:
         raster = finder.raster
         points = raster.points()
-        self._known, self._pitch, self._flattener = known, raster.pitch, finder.flattener(known)
+        self.pitch = raster.pitch
+        self._known, self._flattener = known, finder.flattener(known)
         self._inside = known & np.all((points >= 0.0) & (points < raster.size_px), axis=-1)
         # What a lens bends moves edges from place to place, and would count as blur.
         window = scipy.spatial.cKDTree(found.centres).query(points)[1]
         self._sharp = finder.shown(found.map(points) + found.left[window])
         self._patch = finder.number_patches(points[self._inside])
 
-    def light(self, seen: Floats) -> Floats:
+    def flatten_photo(self, seen: Floats) -> Floats:
         """A photo on the raster without its level, (n,)."""
         weight = np.maximum(self._weighted(np.ones(seen.shape)), 1e-3)
         return self._flatten(self._weighted(seen) / weight)
@@ -141,12 +72,12 @@ class _Basis:
 
     def slope(self, squared_px: float) -> Floats:
         """What it changes by with its squared blur, (n,), over square pixels: it has no level."""
-        step = 0.25 * self._pitch**2
+        step = 0.25 * self.pitch**2
         more = self._blurred(squared_px + step) - self._blurred(squared_px)
         return np.asarray(more[self._inside] / step)
 
     def _blurred(self, squared_px: float) -> Floats:
-        sigma = np.sqrt(squared_px) / self._pitch
+        sigma = np.sqrt(squared_px) / self.pitch
         return np.asarray(
             scipy.ndimage.gaussian_filter(self._sharp, sigma) if sigma else self._sharp
         )
@@ -157,3 +88,69 @@ class _Basis:
         np.add.at(pull, self._patch, design * left[:, None])
         back = np.linalg.pinv(design.T @ design)
         return float(np.sqrt((back @ (pull.T @ pull) @ back)[1, 1]))
+
+
+@dataclass(frozen=True, eq=False)
+class BlockEdges:
+    """Edges of a panel's blocks in a photo.
+
+    basis : the pattern where it was found. light : of the photo, (n,). depth : by how much that
+    would go up and down with the pattern without a blur. squared_px : squared blur of the edges,
+    that of smoothing and of quads included, and sigma_px2 its standard deviation, both in square
+    projector pixels.
+    """
+
+    basis: PatternBasis
+    light: Floats
+    depth: float
+    squared_px: float
+    sigma_px2: float
+
+
+def measure_block_edges(
+    finder: PatternFinder, seen: Floats, known: Bools, found: FoundPattern
+) -> BlockEdges:
+    """How wide the edges of a pattern are where it was found: by least squares of the photo on the
+    pattern and on how that changes with its blur, from sharp edges on."""
+    basis = PatternBasis(finder, known, found)
+    light, point = basis.flatten_photo(seen), basis.pitch**2
+    squared, sigma = _SMOOTHED * point, 0.0
+    for _ in range(_ROUNDS):
+        before = max(squared, 0.0)
+        design = np.stack([basis.pattern(before), basis.slope(before)], axis=1)
+        depth, change = np.linalg.lstsq(design, light, rcond=None)[0]
+        if not depth > 0.0:
+            return BlockEdges(basis, light, 0.0, 0.0, np.inf)
+        squared = before + change / depth
+        sigma = basis.spread(design, light - design @ (depth, change)) / depth
+        if abs(squared - before) < _SETTLED * max(before, point) or squared < 0.0:
+            break
+    return BlockEdges(basis, light, float(depth), float(squared), float(sigma))
+
+
+def measure_blur_before_mask(projector: BlockEdges, mask: BlockEdges) -> float:
+    """Standard deviation in projector pixels of the blur that light has before it reaches the mask,
+    without what photos cannot tell from none; 0 where edges are sharp, or the scene scatters.
+
+    Caller: `pdcd.pictures.misplaced.find_panel_places`, for the error bars and the verdict.
+    """
+    point = projector.basis.pitch**2
+    lens = max(mask.squared_px - _SMOOTHED * point, 0.0)
+    found = projector.squared_px - mask.squared_px
+    unsure = _SIGMAS * np.hypot(projector.sigma_px2, mask.sigma_px2)
+    sure = found - unsure - _UNSURE * point - _LENS_UNSURE * lens
+    if not sure > 0.0:
+        return 0.0
+    sharp = _measure_sharp_share(projector, mask.squared_px, found)
+    if sharp > (_SHARP if found > _WIDE * point else _SHARP_IF_NARROW):
+        return 0.0
+    return float(np.sqrt(sure))
+
+
+def _measure_sharp_share(edges: BlockEdges, sharp_px2: float, blur_px2: float) -> float:
+    """Share of a pattern's light with edges as sharp as those of the mask's, beside light with
+    wider ones."""
+    wider = [sharp_px2 + (times**2) * blur_px2 for times in _WIDER]
+    design = np.stack([edges.basis.pattern(px2) for px2 in (sharp_px2, *wider)], axis=1)
+    parts = scipy.optimize.nnls(design, edges.light)[0]
+    return float(parts[0] / parts.sum()) if parts.any() else 0.0
