@@ -51,7 +51,7 @@ def test_a_matrix_that_blocks_it_has_no_photo_that_shows_it(
 ) -> None:
     error, said, reason = taken(tmp_path, "relit", lag_s, matrix=BLOCKING)
     assert error > least
-    assert said == verdict and "no photo tells how much" in reason
+    assert said == verdict and "no photo shows how much" in reason
 
 
 @pytest.mark.parametrize(("matrix", "lag_s"), [(BLOCKING, 0.0), (ELSEWHERE, 0.016)])
