@@ -47,7 +47,7 @@ class PatternBasis:
         raster = finder.raster
         points = raster.points()
         self.pitch = raster.pitch
-        self._known, self._flattener = known, finder.flattener(known)
+        self._known, self._flattener = known, finder.make_flattener(known)
         self._inside = known & np.all((points >= 0.0) & (points < raster.size_px), axis=-1)
         # What a lens bends moves edges from place to place, and would count as blur.
         window = scipy.spatial.cKDTree(found.centres).query(points)[1]

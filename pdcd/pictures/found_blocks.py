@@ -246,7 +246,7 @@ class PatternFinder:
         block = np.floor(points / (_PATCH * self._block_px)).astype(np.int64)
         return np.asarray(np.unique(block @ (1, 4096), return_inverse=True)[1].ravel())
 
-    def flattener(self, known: Bools) -> Flattener:
+    def make_flattener(self, known: Bools) -> Flattener:
         """What takes the level off pictures on the raster that are known there."""
         return Flattener(known, self._level_px / self.raster.pitch)
 
