@@ -26,9 +26,9 @@ _SMOOTHED = 1.0
 pattern: a blur below zero is not told as well as one above."""
 _SIGMAS = 3.0
 """Standard deviations of its own that a squared blur may be off by."""
-_UNSURE = 0.03
-"""What edges of two sharp panels differ by, in squares of a raster's points: up to 0.021 on virtual
-scenes."""
+_UNSURE = 0.015
+"""What edges of two sharp panels differ by, in squares of a raster's points, beside that: on
+virtual scenes half of both together, root of the sum of squares."""
 _LENS_UNSURE = 0.1
 """The same over the squared blur of the camera's lens, which both panels have."""
 _WIDER = (1.0, 2.0, 4.0)
@@ -128,23 +128,25 @@ def measure_block_edges(
     return BlockEdges(basis, light, float(depth), float(squared), float(sigma))
 
 
-def measure_blur_before_mask(projector: BlockEdges, mask: BlockEdges) -> float:
-    """Standard deviation in projector pixels of the blur that light has before it reaches the mask,
-    without what photos cannot tell from none; 0 where edges are sharp, or the scene scatters.
+def measure_blur_before_mask(
+    projector: BlockEdges, mask: BlockEdges, known_px: float = 0.0
+) -> float:
+    """Standard deviation in projector pixels of the blur that light has before it reaches the mask;
+    0 where photos cannot tell it from the known one, or where the scene scatters.
 
     Caller: `pdcd.pictures.misplaced.find_panel_places`, for the error bars and the verdict.
     """
     point = projector.basis.pitch**2
     lens = max(mask.squared_px - _SMOOTHED * point, 0.0)
     found = projector.squared_px - mask.squared_px
-    unsure = _SIGMAS * np.hypot(projector.sigma_px2, mask.sigma_px2)
-    sure = found - unsure - _UNSURE * point - _LENS_UNSURE * lens
-    if not sure > 0.0:
+    by_chance = _SIGMAS * np.hypot(projector.sigma_px2, mask.sigma_px2)
+    unsure = np.hypot(by_chance, _UNSURE * point) + _LENS_UNSURE * lens
+    if not found - known_px**2 > unsure:
         return 0.0
     sharp = _measure_sharp_share(projector, mask.squared_px, found)
     if sharp > (_SHARP if found > _WIDE * point else _SHARP_IF_NARROW):
         return 0.0
-    return float(np.sqrt(sure))
+    return float(np.sqrt(found))
 
 
 def _measure_sharp_share(edges: BlockEdges, sharp_px2: float, blur_px2: float) -> float:

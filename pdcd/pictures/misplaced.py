@@ -56,11 +56,13 @@ def find_panel_places(
     camera: Map,
     panels: tuple[Map, Map],
     size_px: tuple[int, int],
+    known_blur_px: float = 0.0,
 ) -> PanelLook:
     """Where the panels lie by these photos.
 
     camera, panels : maps of quads, and of the pixels of projector and mask, as they are believed.
-    size_px : (width, height) of the field in projector pixels.
+    size_px : (width, height) of the field in projector pixels. known_blur_px : of light on its way
+        to the mask.
     """
     lit = photos.known & (photos.white > _LIT * np.percentile(photos.white, 95.0))
     lit &= photos.white > 0.0
@@ -97,7 +99,7 @@ def find_panel_places(
     direct = float(np.median(contrast))
     edges = measure_block_edges(finder, *seen, projector)
     of_mask_edges = measure_block_edges(of_mask, *through, mask)
-    blur = measure_blur_before_mask(edges, of_mask_edges)
+    blur = measure_blur_before_mask(edges, of_mask_edges, known_blur_px)
     if blur:
         direct = edges.depth / of_mask_edges.depth
     return PanelLook(

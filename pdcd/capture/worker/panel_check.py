@@ -78,9 +78,8 @@ class PanelCheck:
             known=~(white.saturated | projector.saturated | mask.saturated),
         )
         panels = panels_of(config)
-        return find_panel_places(
-            seen, blocks, camera, (panels.projector.map, panels.mask.map), size_px
-        )
+        maps = (panels.projector.map, panels.mask.map)
+        return find_panel_places(seen, blocks, camera, maps, size_px, config.mask.blur_px)
 
     def _exposure(self, plan: Plan) -> Generator[Order, PhotoOutcome, _Exposure]:
         """That of the white shot; without one, what the codes were metered for."""
