@@ -164,11 +164,8 @@ def _check_unchanged(record: Calibration, entries: Iterable[str], folder: Path) 
     """Raise ConfigError where maps or the profile are not those that the calibration has written.
 
     What is kept of one under way lists neither."""
-    read = {
-        MAPS if key.endswith(".place.map") else PROFILE
-        for key in entries
-        if key.endswith(".place.map") or key == "camera.profile"
-    }
+    read = {MAPS for key in entries if key.endswith(".place.map")}
+    read |= {PROFILE for key in entries if key == "camera.profile"}
     for name in sorted(read & record.files.keys()):
         try:
             sound = hash_file(folder / name, MAX_RECORD_BYTES) == record.files[name].sha256
@@ -181,7 +178,8 @@ def _check_unchanged(record: Calibration, entries: Iterable[str], folder: Path) 
 
 def _check_values(used: Config, config: Config, folder: Path) -> None:
     """Raise ConfigError where measured values bring faults that the configuration had not."""
-    if faults := [fault for fault in check_config(used) if fault not in check_config(config)]:
+    before = check_config(config)
+    if faults := [fault for fault in check_config(used) if fault not in before]:
         raise ConfigError(
             to_one_line(f"the calibration in {folder} cannot be used: {'; '.join(faults)}"),
             hint='calibrate again, or set [calibration] use = "none"',

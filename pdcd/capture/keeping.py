@@ -153,12 +153,11 @@ class CalibrationKeeper:
         if not self.names:
             return False
         state: _State = "cancelled" if isinstance(err, Cancelled) else "failed"
-        where = str(self.folder.where)
         typed = to_typed_error(err)
         stopped = CalibrationStop(
             step=step,
             kind=typed.kind,
-            message=typed.message.replace(str(self.folder.path), where),
+            message=self.folder.put_own_path(typed.message),
             hint=typed.hint,
         )
         try:

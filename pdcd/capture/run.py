@@ -236,7 +236,7 @@ class CaptureRun:
             logger.warning(
                 "no report was made job=%s error=%s",
                 self._job.name,
-                str(err).replace(str(self._folder.path), str(self._folder.where)),
+                self._folder.put_own_path(str(err)),
                 exc_info=None if known else err,
             )
             return ()

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from pdcd.arrays import Bools, Floats
-from pdcd.pictures.found_blocks import FoundPattern, PatternFinder
+from pdcd.pictures.found_blocks import FoundPattern, PatternFinder, compute_patch_covariance
 
 _ROUNDS = 24
 """Times that a blur is worked out anew from the last one."""
@@ -70,11 +70,12 @@ class PatternBasis:
         """Such a blur of the pattern without its level, (n,)."""
         return self._flatten(self._blurred(squared_px))
 
-    def slope(self, squared_px: float) -> Floats:
-        """What it changes by with its squared blur, (n,), over square pixels: it has no level."""
-        step = 0.25 * self.pitch**2
-        more = self._blurred(squared_px + step) - self._blurred(squared_px)
-        return np.asarray(more[self._inside] / step)
+    def design(self, squared_px: float) -> Floats:
+        """The same, and what the pattern changes by with its squared blur, over square pixels and
+        without a level of its own: (n, 2)."""
+        step, now = 0.25 * self.pitch**2, self._blurred(squared_px)
+        more = self._blurred(squared_px + step) - now
+        return np.stack([self._flatten(now), more[self._inside] / step], axis=1)
 
     def _blurred(self, squared_px: float) -> Floats:
         sigma = np.sqrt(squared_px) / self.pitch
@@ -84,10 +85,7 @@ class PatternBasis:
 
     def spread(self, design: Floats, left: Floats) -> float:
         """Standard deviation of the second factor of a fit, by how patches pull at it."""
-        pull = np.zeros((self._patch.max(initial=0) + 1, 2))
-        np.add.at(pull, self._patch, design * left[:, None])
-        back = np.linalg.pinv(design.T @ design)
-        return float(np.sqrt((back @ (pull.T @ pull) @ back)[1, 1]))
+        return float(np.sqrt(compute_patch_covariance(design, left, self._patch)[1, 1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +115,7 @@ def measure_block_edges(
     squared, sigma = _SMOOTHED * point, 0.0
     for _ in range(_ROUNDS):
         before = max(squared, 0.0)
-        design = np.stack([basis.pattern(before), basis.slope(before)], axis=1)
+        design = basis.design(before)
         depth, change = np.linalg.lstsq(design, light, rcond=None)[0]
         if not depth > 0.0:
             return BlockEdges(basis, light, 0.0, 0.0, np.inf)

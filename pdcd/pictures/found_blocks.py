@@ -132,7 +132,7 @@ class PatternFinder:
 
     def find(self, seen: Floats, known: Bools, believed: AffineMap = HERE) -> FoundPattern | None:
         """Where the pattern is in a picture on the raster; None where it is nowhere to be found."""
-        flat = _flat(seen, known, self._level_px / self.raster.pitch)
+        flat = _flat(seen, self.make_flattener(known))
         found = self._refined(flat, seen, known, believed)
         if found is None:
             for start in self._anywhere(flat, known):
@@ -218,14 +218,14 @@ class PatternFinder:
         the map otherwise. `map_` is where it was found."""
         raster, points = self.raster, self.raster.points()
         inside = known & np.all((points >= 0.0) & (points < raster.size_px), axis=-1)
-        level = self._level_px / raster.pitch
+        flattener = self.make_flattener(known)
 
         def flat(right: float, down: float) -> Floats:
             pattern = self.shown(map_(points) + np.array([right, down]))
-            return np.asarray(_flat(pattern, known, level)[inside])
+            return np.asarray(_flat(pattern, flattener)[inside])
 
         half = 0.5 * raster.pitch
-        light, pattern = _flat(seen, known, level)[inside], flat(0.0, 0.0)
+        light, pattern = _flat(seen, flattener)[inside], flat(0.0, 0.0)
         depth = float(light @ pattern / max(float(pattern @ pattern), 1e-12))
         slopes = [
             depth * (flat(*(half * step)) - flat(*(-half * step))) / (2.0 * half)
@@ -234,10 +234,9 @@ class PatternFinder:
         base, wanted = (_affine_base(at, raster.size_px) for at in (points[inside], places))
         design = np.concatenate([slope[:, None] * base for slope in slopes], axis=1)
         patch = self.number_patches(points[inside])
-        pull = np.zeros((patch.max(initial=0) + 1, 6))
-        np.add.at(pull, patch, design * (light - depth * pattern)[:, None])
-        back = np.linalg.pinv(design.T @ design)
-        spread = back @ (pull.T @ pull) @ back * len(pull) / max(len(pull) - 6, 1)
+        count = int(patch.max(initial=0)) + 1
+        spread = compute_patch_covariance(design, light - depth * pattern, patch)
+        spread = spread * count / max(count - 6, 1)
         across, along = spread[:3, :3], spread[3:, 3:]
         return np.asarray(np.einsum("ni,ij,nj->n", wanted, across + along, wanted))
 
@@ -363,13 +362,23 @@ def _blocks_of(values: Floats, side: int) -> Floats:
     return np.asarray(cut.reshape(rows, side, cols, side, *values.shape[2:]).mean(axis=(1, 3)))
 
 
-def _flat(seen: Floats, known: Bools, sigma: float) -> Floats:
-    """A picture with the same level and contrast everywhere, 0 where nothing is known."""
+def compute_patch_covariance(design: Floats, left: Floats, patch: NDArray[np.int64]) -> Floats:
+    """Covariance (f, f) of the factors of a least squares fit, by how patches, each by itself,
+    would have them otherwise.
 
-    flattener = Flattener(known, sigma)
+    design : (n, f). left : (n,), what the fit leaves. patch : (n,), which patch each point is of.
+    """
+    pull = np.zeros((patch.max(initial=0) + 1, design.shape[1]))
+    np.add.at(pull, patch, design * left[:, None])
+    back = np.linalg.pinv(design.T @ design)
+    return np.asarray(back @ (pull.T @ pull) @ back)
+
+
+def _flat(seen: Floats, flattener: Flattener) -> Floats:
+    """A picture with the same level and contrast everywhere, 0 where nothing is known."""
     flat = flattener.flatten(seen)
     spread = np.sqrt(flattener.blur(flat**2) / flattener.weight)
-    floor = 1e-3 * float(np.abs(np.where(known, seen, 0.0)).max(initial=0.0)) + 1e-12
+    floor = 1e-3 * float(np.abs(np.where(flattener.known, seen, 0.0)).max(initial=0.0)) + 1e-12
     return np.asarray(np.clip(flat / np.maximum(spread, floor), -3.0, 3.0))
 
 

@@ -98,7 +98,7 @@ class Flattener:
     tell anything. sigma : in points, standard deviation of the mean that is the level."""
 
     def __init__(self, known: Bools, sigma: float) -> None:
-        self._known, self._sigma = known, sigma
+        self.known, self._sigma = known, sigma
         self.weight: Floats = np.maximum(self.blur(known.astype(np.float64)), 1e-3)
 
     def blur(self, values: Floats) -> Floats:
@@ -107,5 +107,5 @@ class Flattener:
 
     def flatten(self, light: Floats) -> Floats:
         """A picture less its mean around each point; 0 where nothing is known."""
-        light = np.where(self._known, light, 0.0)
-        return np.where(self._known, light - self.blur(light) / self.weight, 0.0)
+        light = np.where(self.known, light, 0.0)
+        return np.where(self.known, light - self.blur(light) / self.weight, 0.0)

@@ -147,6 +147,10 @@ class RunFolder:
             return None
         return self.path.readlink()
 
+    def put_own_path(self, words: str) -> str:
+        """The same words, with where the folder is now in the place of its descriptor's path."""
+        return words.replace(str(self.path), str(self.where))
+
     def close(self) -> None:
         """Let go of the folder. Idempotent."""
         if self._fd is not None:
