@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
@@ -22,18 +22,20 @@ from pdcd.errors import DecodeError
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import Patterns, make_empty_patterns
 from pdcd.pictures.bars import make_pictures_with_errors
+from pdcd.pictures.border_lines import measure_border_blur
 from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.exposed import AmbientLight, ExposedShot, RawShot, refuse_unlike
 from pdcd.pictures.full import find_full_quads
 from pdcd.pictures.leaks import DarkPhotoLight, ShotMeans
 from pdcd.pictures.learn import PilotFindings, learn_paths
+from pdcd.pictures.picture import PictureWithErrors
+from pdcd.pictures.realise import compute_shot_matrix
 from pdcd.pictures.repeated import RepeatedMatrices
 from pdcd.pictures.software import sum_stack_matrices, sum_stack_shots
 from pdcd.pictures.to_cells import average_shot, unmix_cells
 from pdcd.pictures.upright import FieldView, place_quads
 from pdcd.pictures.weights import RealisedMatrix, RealisedShot
 from pdcd.probing.borders import BorderStrips, compute_cell_mismatch_share, find_strips
-from pdcd.probing.realised import Factors, collect_factors, compute_bench_factors, divide_factors
 from pdcd.recipes.arrays import make_target
 from pdcd.recipes.make import make_recipe, narrow_to_shots
 from pdcd.recipes.parts import select_complete_parts
@@ -133,7 +135,9 @@ class Darkroom:
         open_s = shot.open_s
         if doubt := describe_time_conflict(shot.planned_s or open_s, open_s, raw.exposure_s):
             raise DecodeError(doubt)
-        realised = repeated.find(shot, frames, log) or self._realise(shot, frames, log)
+        realised = repeated.find(shot, frames, log) or compute_shot_matrix(
+            self._record, shot, frames, log
+        )
         repeated.keep(shot, frames, log, realised)
         exposed = self._develop(shot, raw, realised)
         shots = {one.name: one for one in self._record.shots} | {shot.name: shot}
@@ -189,15 +193,29 @@ class Darkroom:
         with watch.piece(making) as alive:
             # Of an interrupted run the pilot may be incomplete; then there is no coded photo.
             learned = self.learned() if any(photo.paths for photo in recipe.photos) else None
-            pictures = make_pictures_with_errors(
-                self._record, recipe, {**shots, **sums}, learned, cells, alive, *self.seen_light()
-            )
+            known = {**shots, **sums}, learned, cells, alive, *self.seen_light()
+            pictures = make_pictures_with_errors(self._record, recipe, *known)
+            if self._sees_lines(recipe, pictures):  # they count in error bars
+                pictures = make_pictures_with_errors(self._record, recipe, *known)
         view = FieldView.of(self._record, cells)
         dead = self._dead if self._side == 1 else None
         full = self.find_full_quads(recipe)
         return DecodedRun(
             recipe, shots, pictures, cells, view, sums, self._apart(), self._side, dead, full
         )
+
+    def _sees_lines(self, recipe: Recipe, pictures: Mapping[str, PictureWithErrors]) -> bool:
+        """Whether lines along borders show a blur that nobody knows of; the record has it then."""
+        look = self._record.panels
+        if look is None or not look.upright:
+            return False
+        found = measure_border_blur(self._record, recipe, pictures, self.cells)
+        whole_px = math.hypot(self._record.mask.blur_px, found)
+        if not found or whole_px <= look.blur_px:
+            return False
+        seen = msgspec.structs.replace(look, blur_px=whole_px)
+        self._record = msgspec.structs.replace(self._record, panels=seen)
+        return True
 
     def find_full_quads(self, recipe: Recipe) -> Bools | None:
         """Those of `pdcd.pictures.full`; None of squares of quads, too."""
@@ -354,28 +372,8 @@ class Darkroom:
             pair = self._pair(self._planned[shot.name])
             frames, log = self._table.of(shot, pair, grid=self._record.grid)
             alive()
-            self._matrices[shot.name] = self._realise(shot, frames, log, alive)
+            self._matrices[shot.name] = compute_shot_matrix(self._record, shot, frames, log, alive)
         return self._matrices[shot.name]
-
-    def _realise(
-        self, shot: ShotRecord, frames: Frames, log: FrameLog, alive: _Alive = lambda: None
-    ) -> RealisedMatrix:
-        record, projector = self._record, self._record.projector
-        if record.room is not None:  # it has the light of the projector's black
-            projector = msgspec.structs.replace(projector, contrast=None)
-        chunks = compute_bench_factors(
-            frames,
-            log,
-            projector,
-            record.mask,
-            open_ns=shot.open_ns,
-            close_ns=shot.close_ns,
-            fine=True,
-        )
-        realised = collect_factors(_watched(chunks, alive))
-        if (shot.level or 1.0) != 1.0:
-            realised = divide_factors(realised, (shot.level or 1.0))
-        return RealisedMatrix(realised, shot.missed if shot.level is None else 0)
 
     def _shots(self, watch: Watch) -> dict[str, ExposedShot]:
         unread = [shot for shot in self._record.shots if shot.name not in self._exposed]
@@ -456,9 +454,3 @@ class Darkroom:
 def _reading(shot: ShotRecord) -> float:
     """Work of reading a shot, in refreshes."""
     return shot.refreshes + shot.size_bytes / _REFRESH_BYTES
-
-
-def _watched(chunks: Iterator[Factors], alive: _Alive) -> Iterator[Factors]:
-    for chunk in chunks:
-        alive()
-        yield chunk

@@ -43,8 +43,8 @@ _LEAST_KEPT = 0.5
 is."""
 _UNSURE_QUADS = 1.0
 """How unsure it is where in a window a quad looks."""
-_IN_QUAD = 4
-"""Places along either side of a quad at which its light comes from."""
+_IN_QUAD = 4, 24
+"""Places along either side of a quad at which its light comes from: as many as a blur asks for."""
 _EDGE_PX, _EDGE_QUADS = 0.5, 0.25
 """How far a quad may reach beyond the mask's edge, in projector pixels or of its side: an edge is
 found to a third of either, and the quad has most of its light."""
@@ -121,7 +121,8 @@ def estimate_lost_by_quad(
         float(np.hypot(px, np.hypot(1.0, pixel) / np.sqrt(12.0)))
         for px in (record.mask.blur_px, _spread_px(record, look))
     )  # the edges of cells and windows lie at those of pixels
-    of_quad = _quad_px(record) * ((np.arange(_IN_QUAD) + 0.5) / _IN_QUAD - 0.5)
+    along = int(np.clip(2.0 * _quad_px(record) / spread, *_IN_QUAD))
+    of_quad = _quad_px(record) * ((np.arange(along) + 0.5) / along - 0.5)
     kept, usually_kept = np.ones(cells.frame), np.ones(cells.frame)
     for axis, count in enumerate(record.grid[::-1]):
         ats = places[..., axis] * (count * cell / size_px[axis]) + of_quad[:, None, None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -19,6 +19,7 @@ from pdcd.bench.tables import (
 )
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import Frames
+from pdcd.panels.placing import Placing
 from pdcd.pictures.lost_direct import estimate_lost_direct
 from pdcd.pictures.misplaced import measure_misplacement
 from tests.taken import Taken, take
@@ -180,3 +181,62 @@ def test_blocks_are_seen_where_codes_were_metered_without_direct_light(
     )
     record = take(config, goal="diagonal", codes=32, out=str(tmp_path)).manifest.run
     assert record.panels is not None and record.panels.mask_seen
+
+
+def fine(
+    folder: Path, kind: str, truth: str = "", *, px: tuple[int, int] = (512, 384), **camera: Any
+) -> Taken:
+    """Whole cells of 32 px and quads of 6.4 px, of which blocks tell a third of a pixel."""
+    (folder / "truth.toml").write_text(truth)
+    config = Config(
+        projector=PanelConfig(size_px=px),
+        mask=PanelConfig(size_px=(800, 600)),
+        scene=SceneConfig(kind=kind, grid=(12, 16)),
+        camera=CameraConfig(frame_quads=(80, 60), **camera),
+        bench=BenchConfig(truth=str(folder / "truth.toml")),
+        limits=FREE,
+    )
+    return take(config, seed=0, out=str(folder))
+
+
+@pytest.mark.parametrize(
+    ("kind", "truth"),
+    [
+        ("open-book", place("mask", "offset_px = [0.5, 0.0]")),
+        pytest.param("still-life", "[scene]\nblur_px = 0.5", marks=pytest.mark.long),
+        pytest.param("open-book", "[scene]\nblur_px = 0.3", marks=pytest.mark.long),
+    ],
+)
+def test_what_blocks_are_too_coarse_for_shows_as_lines_along_borders(
+    tmp_path: Path, kind: str, truth: str
+) -> None:
+    """Light that gets from cell to cell by less than blocks tell: error bars have it."""
+    made = fine(tmp_path, kind, truth)
+    assert made.error > 0.1 and made.quality.verdict in WRONG
+    assert any("on its way to the mask" in reason for reason in made.quality.reasons)
+    with np.load(made.folder / "probe.npz") as data:
+        stated = np.sqrt(np.mean(data["sigma"] ** 2) / np.mean(data["image"] ** 2))
+    assert stated > 0.1
+    assert made.decodes_the_same()
+
+
+@pytest.mark.parametrize(
+    ("kind", "rest"),
+    [
+        ("chart-in-milk", {}),
+        ("open-book", {"px": (510, 380)}),
+        *(
+            pytest.param(kind, rest, marks=pytest.mark.long)
+            for kind in ("wax-disk", "disco-ball", "glass-and-balls", "mirror-and-vase")
+            for rest in ({}, {"px": (510, 380)}, {"place": Placing(turn_deg=5.0, scale=1.1)})
+        ),
+    ],
+)
+def test_no_sound_scene_has_lines_along_borders(
+    tmp_path: Path, kind: str, rest: dict[str, Any]
+) -> None:
+    """Also where cells end within pixels, and where the camera stands askew."""
+    made = fine(tmp_path, kind, **rest)
+    assert made.quality.verdict == "good" and made.error < 0.03
+    assert made.manifest.run.panels is not None
+    assert made.manifest.run.panels.blur_px < 0.2
