@@ -210,10 +210,9 @@ class Darkroom:
         if look is None or not look.upright:
             return False
         found = measure_border_blur(self._record, recipe, pictures, self.cells)
-        whole_px = math.hypot(self._record.mask.blur_px, found)
-        if not found or whole_px <= look.blur_px:
+        if found == look.border_px:
             return False
-        seen = msgspec.structs.replace(look, blur_px=whole_px)
+        seen = msgspec.structs.replace(look, border_px=found)
         self._record = msgspec.structs.replace(self._record, panels=seen)
         return True
 

@@ -71,17 +71,28 @@ def estimate_lost_direct(
     size_px = record.projector.field_size_px
     if measure_misplacement(look.mask, size_px).flip != "none":
         return LostDirectLight(1.0, 1.0)
-    side, cell = find_window_kind(window).side, mean_cell_px(record)
     offset = field_shifts_px(look.mask, size_px, known_shift_px(record.mask))
-    blur, none = record.mask.blur_px, np.zeros(1)
-    spread = _spread_px(record, look) if blurred else float(np.hypot(blur, look.rest_px))
-    right, down = _sure(offset, record, look).T
-    mean = compute_leak(cell, side, (right, down), spread) - compute_leak(
-        cell, side, (none, none), blur
-    )
+    spread = _spread_px(record, look)
+    if not blurred:
+        spread = float(np.hypot(record.mask.blur_px, look.rest_px))
+    found = _compute_lost(record, window, _sure(offset, record, look), spread)
+    if not (blurred and look.border_px):
+        return found
+    lines = _compute_lost(record, window, np.zeros((1, 2)), _lines_px(record, look))
+    return max(found, lines, key=lambda one: one.rms)
+
+
+def _compute_lost(
+    record: RunRecord, window: str, offset_px: Floats, spread_px: float
+) -> LostDirectLight:
+    """What is lost beyond what the known blur sends through wrong cells. offset_px : (n, 2)."""
+    side, cell = find_window_kind(window).side, mean_cell_px(record)
+    (right, down), none = offset_px.T, np.zeros(1)
+    known = (none, none), record.mask.blur_px
+    mean = compute_leak(cell, side, (right, down), spread_px) - compute_leak(cell, side, *known)
     found, usual = (
         compute_leak_rms(cell, side, off, blurred, _quad_px(record))
-        for off, blurred in (((right, down), spread), ((none, none), blur))
+        for off, blurred in (((right, down), spread_px), known)
     )
     square = np.mean(np.maximum(found**2 - usual**2, 0.0))
     return LostDirectLight(float(np.clip(mean.mean(), 0.0, 1.0)), float(np.sqrt(square)))
@@ -110,29 +121,47 @@ def estimate_lost_by_quad(
     """What `estimate_lost_direct` is the mean of, at each quad (h, w): it lies along the edges of
     windows, where fine quads see it in full. mask : where the look found the mask's picture, which
     is not mirrored."""
-    size_px = record.projector.field_size_px
-    kind, cell = find_window_kind(window), mean_cell_px(record)
-    places = cells.centres * size_px
+    places = cells.centres * record.projector.field_size_px
     # The mask's picture lies further right and down by so much; light on it, further left and up.
     offset = -compute_shifts_px(mask, places, known_shift_px(record.mask))
-    places += offset
+    square = _compute_lost_squares(
+        record, window, cells, places + offset, offset, _spread_px(record, look)
+    )
+    if look.border_px:
+        none, lines_px = np.zeros_like(offset), _lines_px(record, look)
+        lines = _compute_lost_squares(record, window, cells, places, none, lines_px)
+        square = np.maximum(square, lines)
+    smear = float(np.hypot(cells.blur_quads, _UNSURE_QUADS))
+    beside = scipy.ndimage.gaussian_filter(square, smear)
+    return np.asarray(np.sqrt(np.maximum(square, beside)))
+
+
+def _compute_lost_squares(
+    record: RunRecord,
+    window: str,
+    cells: CellMap,
+    places: Floats,
+    offset_px: Floats,
+    spread_px: float,
+) -> Floats:
+    """Squares of what is lost beyond what the known blur sends through wrong cells, (h, w). places,
+    offset_px : where light falls on the mask, and by how much that is off, (h, w, 2)."""
+    size_px = record.projector.field_size_px
+    kind, cell = find_window_kind(window), mean_cell_px(record)
     pixel = quad_px(place_panels(record.projector, record.mask).mask.map, size_px)
     blur, spread = (
         float(np.hypot(px, np.hypot(1.0, pixel) / np.sqrt(12.0)))
-        for px in (record.mask.blur_px, _spread_px(record, look))
+        for px in (record.mask.blur_px, spread_px)
     )  # the edges of cells and windows lie at those of pixels
     along = int(np.clip(2.0 * _quad_px(record) / spread, *_IN_QUAD))
     of_quad = _quad_px(record) * ((np.arange(along) + 0.5) / along - 0.5)
     kept, usually_kept = np.ones(cells.frame), np.ones(cells.frame)
     for axis, count in enumerate(record.grid[::-1]):
         ats = places[..., axis] * (count * cell / size_px[axis]) + of_quad[:, None, None]
-        off = offset[..., axis]
+        off = offset_px[..., axis]
         kept *= _own(kind, cell, ats, off, spread).mean(axis=0)
         usually_kept *= _own(kind, cell, ats, 0.0, blur).mean(axis=0)
-    square = np.maximum((1.0 - kept) ** 2 - (1.0 - usually_kept) ** 2, 0.0)
-    smear = float(np.hypot(cells.blur_quads, _UNSURE_QUADS))
-    beside = scipy.ndimage.gaussian_filter(square, smear)
-    return np.asarray(np.sqrt(np.maximum(square, beside)))
+    return np.asarray(np.maximum((1.0 - kept) ** 2 - (1.0 - usually_kept) ** 2, 0.0))
 
 
 def _own(
@@ -160,6 +189,11 @@ def _quad_px(record: RunRecord) -> float:
 def _spread_px(record: RunRecord, look: PanelLook) -> float:
     """Blur on the mask, and what places lie elsewhere beside a look's map."""
     return float(np.hypot(max(record.mask.blur_px, look.blur_px), look.rest_px))
+
+
+def _lines_px(record: RunRecord, look: PanelLook) -> float:
+    """Blur on the mask that makes the lines along borders of cells, too."""
+    return float(np.hypot(record.mask.blur_px, look.border_px))
 
 
 def finding_error_px(record: RunRecord) -> float:

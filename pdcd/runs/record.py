@@ -120,9 +120,11 @@ class PanelLook(msgspec.Struct, frozen=True, kw_only=True):
     """Standard deviation of where the mask was found, where that is least sure, by what patches of
     the photos tell."""
     blur_px: NonNegative = 0.0
-    """Standard deviation of the blur of light on its way to the mask, by the blocks, or by lines
-    along borders of cells that the photos of codes have (`pdcd.pictures.border_lines`); 0 where
-    they cannot tell it from `blur_px` of the mask."""
+    """Standard deviation of the blur of light on its way to the mask; 0 where the photos cannot
+    tell it from `blur_px` of the mask."""
+    border_px: NonNegative = 0.0
+    """Standard deviation of a blur beside the known one that would make the lines along borders of
+    cells which photos of codes have (`pdcd.pictures.border_lines`); 0 where there are none."""
     direct: Annotated[float, Meta(ge=0.0, le=1.0)]
     """Share of direct light in the scene's light, roughly; 0 where the projector's blocks are not
     seen."""

@@ -149,11 +149,11 @@ class Cause(Enum):
         "wrong cells, {figure} of the answer (limit {limit}), and a quarter of a cell is "
         "{quarter_px:.3g} px; {mend}")
     MASK_BLUR = VerdictRow(0.06, 0.4,
-        "light is blurred by {blur_px:.2g} px on its way to the mask (projector pixels; a mask that "
-        "lies as far off looks alike), and not by {known_px:.2g} px as [mask] blur_px says: {lost} "
-        "of the direct light goes through wrong cells, {figure} of the answer (limit {limit}); run "
-        "pdcd calibrate registration, or take quarter windows; or focus the projector, and the "
-        "scene on the mask")
+        "light is blurred by {blur_px:.2g} px on its way to the mask (projector pixels; a mask "
+        "that lies as far off looks alike), and not by {known_px:.2g} px as [mask] blur_px says: "
+        "{lost} of the direct light goes through wrong cells, {figure} of the answer (limit "
+        "{limit}); run pdcd calibrate registration, or take quarter windows; or focus the "
+        "projector, and the scene on the mask")
     CAMERA_PLACE = VerdictRow(0.5, NEVER,
         "the camera's view {lies} [camera.place] says, and half a cell is {half_px:.3g} px: "
         "pixels are counted to wrong cells; {mend}")

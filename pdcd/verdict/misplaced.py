@@ -90,10 +90,14 @@ def _judge_look(
     yield from judge_unseen_panels(look, measured=measured)
     lost = estimate_lost_direct(record, window, blurred=False)
     unsure_px = finding_error_px(record)
-    yield from judge_mask_place(look, record.mask, size_px, lost, share(lost), cell_px, unsure_px)
-    if look.blur_px > record.mask.blur_px and look.upright:
+    placed = judge_mask_place(look, record.mask, size_px, lost, share(lost), cell_px, unsure_px)
+    yield from placed
+    known_px = record.mask.blur_px
+    by_lines_px = 0.0 if placed else float(np.hypot(known_px, look.border_px))
+    blur_px = max(look.blur_px, by_lines_px)  # a mask that lies elsewhere makes such lines, too
+    if blur_px > known_px and look.upright:
         lost = estimate_lost_direct(record, window)
-        yield from judge_mask_blur(look, record.mask.blur_px, lost, share(lost))
+        yield from judge_mask_blur(look, blur_px, known_px, lost, share(lost))
     yield from judge_camera_place(look, record.camera_place, size_px, cell_px)
 
 
@@ -144,16 +148,14 @@ def judge_mask_place(
 
 
 def judge_mask_blur(
-    look: PanelLook, known_px: float, lost: LostDirectLight, share: float
+    look: PanelLook, blur_px: float, known_px: float, lost: LostDirectLight, share: float
 ) -> list[VerdictFinding]:
     """A blur of light on its way to the mask beyond the known one. share : RMS of the direct light
     that it sends through wrong cells over the RMS of the answer."""
     grade = Cause.MASK_BLUR.value.grade(share)
     if lost.mean >= _HOPELESS and look.direct > _HARDLY:
         grade = Grade.BAD
-    return judge(
-        Cause.MASK_BLUR, share, grade, blur_px=look.blur_px, known_px=known_px, lost=lost.mean
-    )
+    return judge(Cause.MASK_BLUR, share, grade, blur_px=blur_px, known_px=known_px, lost=lost.mean)
 
 
 def judge_camera_place(

@@ -152,7 +152,8 @@ def test_slow_panels_are_in_the_row_of_timing(skew_s: float) -> None:
 
 
 def test_the_row_of_maps_grows_as_the_error_of_a_mask_that_lies_elsewhere(tmp_path: Path) -> None:
-    """It is the error bars' own figure, which knows about two fifths of that error."""
+    """It is the error bars' own figure: lines along borders tell of most of that error, blocks of
+    two fifths of a larger one."""
     panels: dict[str, Any] = {"size_px": [1024, 768]}
     asked: dict[str, Any] = {"projector": panels, "mask": panels}
     asked["camera"] = {"frame_quads": [128, 96], "seed": 1}
@@ -166,8 +167,8 @@ def test_the_row_of_maps_grows_as_the_error_of_a_mask_that_lies_elsewhere(tmp_pa
         assert run.rms_error_quads is not None
         true.append(run.rms_error_quads)
         told.append(share(run, "maps"))
-    assert told[1] / told[0] == pytest.approx(true[1] / true[0], rel=0.15)
-    assert 0.3 < told[0] / true[0] < 1.5
+    assert told[0] < told[1]
+    assert 0.6 < told[0] / true[0] < 1.5 and 0.3 < told[1] / true[1] < 1.5
 
 
 def test_what_nobody_knows_has_no_number() -> None:

@@ -239,4 +239,4 @@ def test_no_sound_scene_has_lines_along_borders(
     made = fine(tmp_path, kind, **rest)
     assert made.quality.verdict == "good" and made.error < 0.03
     assert made.manifest.run.panels is not None
-    assert made.manifest.run.panels.blur_px < 0.2
+    assert made.manifest.run.panels.border_px == 0.0

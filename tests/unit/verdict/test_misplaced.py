@@ -72,7 +72,7 @@ def test_a_blur_counts_by_what_it_does_to_the_answer(
 ) -> None:
     """Where it sends more than half of the direct light astray, photos tell no share."""
     blurred = structs.replace(look((1.0, 0.0, 0.0, 0.0, 1.0, 0.0)), blur_px=8.2)
-    found = judge_mask_blur(blurred, 1.5, LostDirectLight(lost, lost), share)
+    found = judge_mask_blur(blurred, blurred.blur_px, 1.5, LostDirectLight(lost, lost), share)
     assert [one.grade for one in found] == ([] if grade is None else [grade])
     for one in found:
         assert "by 8.2 px" in one.text and "by 1.5 px" in one.text
