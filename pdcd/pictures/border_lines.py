@@ -113,15 +113,18 @@ def _fit_height(share: Floats, border: Floats, known: Bools, patch: NDArray[np.i
     patches, where there are any. patch : (h, w), the number of each quad's."""
     weight = np.maximum(scipy.ndimage.gaussian_filter(known.astype(np.float64), _BESIDE), 1e-3)
 
-    def lift(values: Floats) -> Floats:
+    def level_out(values: Floats) -> tuple[Floats, Floats]:
+        """What values are above those around, and the level of these: (n,) each."""
         inside = np.where(known, values, 0.0)
-        return np.asarray((inside - scipy.ndimage.gaussian_filter(inside, _BESIDE) / weight)[known])
+        level = scipy.ndimage.gaussian_filter(inside, _BESIDE) / weight
+        return (inside - level)[known], level[known]
 
-    lifted, height, error = lift(share), 0.0, 0.0
+    (lifted, around), (lines, usual) = level_out(share), level_out(border)
+    height, error = 0.0, 0.0
     for _ in range(_ROUNDS):
-        # What got into the photo is missing in the light that is direct by it.
-        direct = (1.0 - share) / np.maximum(1.0 - height * border, 0.5)
-        line = lift(border * direct)
+        # Of the light around; its own would go up and down with the scene, as the share does. What
+        # got into the photo is missing in the light that is direct by it.
+        line = lines * (1.0 - around) / np.maximum(1.0 - height * usual, 0.5)
         along, power = (np.bincount(patch[known], each) for each in (line * lifted, line**2))
         told = power > 0.1 * np.max(power, initial=0.0)
         if np.count_nonzero(told) < _FEWEST_PATCHES:
