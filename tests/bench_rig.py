@@ -139,6 +139,11 @@ def bench_of_rig(rig: Rig) -> MockBench:
     return MockBench.of(rig._context)
 
 
+def are_panels_black(bench: MockBench) -> bool:
+    """Whether both panels are told to be black."""
+    return bench.black_since_ns is not None
+
+
 def from_path(path: Path) -> FileSource:
     """The content of a file, as a request brings it."""
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 from pdcd.figures.figure import (
     PAPER_PROFILE,
-    TINY_MODE,
     BoundedNumber,
     FigureMode,
     FigurePhoto,
@@ -14,6 +13,8 @@ from pdcd.figures.figure import (
     Photos,
 )
 from pdcd.figures.photo import photograph_takes
+
+TINY_MODE = FigureMode("tiny", (12, 16), (120, 80), 100, True, thrift=4, least_codes=16)
 
 
 def taken(

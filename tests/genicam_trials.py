@@ -179,7 +179,7 @@ class Trials:
             if not bench.shutter_open:
                 break
             time.sleep(0.01)
-        assert bench.panels_black and not bench.shutter_open, where
+        assert bench_rig.are_panels_black(bench) and not bench.shutter_open, where
         how = "right" if result.error is None else str(result.error["kind"])
         self.ended.setdefault(kind, Counter())[how] += 1
         took_s = max(0.0, ended_s - self._fault_s)

@@ -97,11 +97,6 @@ class MockBench:
 
         return context.the(cls, make)
 
-    @property
-    def panels_black(self) -> bool:
-        """Whether both panels are told to be black."""
-        return self.black_since_ns is not None
-
     def lit(self) -> None:
         """The panels show something from now on."""
         self.black_since_ns = None

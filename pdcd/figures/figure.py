@@ -71,8 +71,6 @@ class FigureMode:
 QUICK_MODE = FigureMode("quick", (30, 40), (336, 224), 320, True, thrift=4)
 FULL_MODE = FigureMode("full", (48, 64), (2145, 1428), 1280, False)
 """The frame of the paper's camera."""
-TINY_MODE = FigureMode("tiny", (12, 16), (120, 80), 100, True, thrift=4, least_codes=16)
-"""For tests, which look at numbers alone."""
 
 
 @dataclass(frozen=True)

@@ -125,30 +125,6 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         whole = np.asarray(of_field, dtype=np.float64) @ self._matrix
         return msgspec.structs.replace(self, homography=to_map_matrix(whole))
 
-    def flipped(self, flip: Literal["horizontal", "vertical"]) -> Map:
-        """The same device, its pictures stored mirrored: left and right exchanged, or top and
-        bottom. Each pixel lies where it lay; it has another number."""
-        width, height = self.size_px
-        horizontal = flip == "horizontal"
-        new = np.diag([-1.0, 1.0, 1.0] if horizontal else [1.0, -1.0, 1.0])
-        new[:2, 2] = (width, 0.0) if horizontal else (0.0, height)
-        return self._renumbered(new, self.size_px)
-
-    def turned(self, quarters: int) -> Map:
-        """The same device, its pictures stored turned clockwise by so many quarters: pictures are
-        then ``np.rot90(picture, -quarters)``. Each pixel lies where it lay; it has another
-        number."""
-        width, height = self.size_px
-        turns = {
-            1: ([[0.0, 1.0, 0.0], [-1.0, 0.0, height], [0.0, 0.0, 1.0]], (height, width)),
-            2: ([[-1.0, 0.0, width], [0.0, -1.0, height], [0.0, 0.0, 1.0]], (width, height)),
-            3: ([[0.0, -1.0, width], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], (height, width)),
-        }
-        if quarters % 4 == 0:
-            return self
-        old_from_new, size_px = turns[quarters % 4]
-        return self._renumbered(np.array(old_from_new), size_px)
-
     def binned(self, side: int) -> Map:
         """The same device with squares of pixels in the place of single ones; `side`, that of a
         square, divides its width and height."""
@@ -159,24 +135,6 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             size_px=(width // side, height // side),
             homography=to_map_matrix(self._matrix @ np.diag([side, side, 1.0])),
             residual=tuple(map(tuple, nodes)),
-        )
-
-    def _renumbered(self, old_from_new: Floats, size_px: tuple[int, int]) -> Map:
-        """The same device with other numbers of its pixels: a flip or quarter turn of them."""
-        turn = old_from_new[:2, :2].T
-        # Distortion is measured in half heights, which a quarter turn exchanges for half widths.
-        unit = size_px[1] / self.size_px[1]
-        (k1, k2), (p1, p2) = self.radial, self.tangential
-        right, down = turn @ (p2, p1) * unit
-        nodes: ResidualNodes = ()
-        if self.residual:
-            nodes = _turned(np.array(self.residual, dtype=np.float64), turn)
-        return Map(
-            size_px=size_px,
-            homography=to_map_matrix(self._matrix @ old_from_new),
-            radial=(k1 * unit**2, k2 * unit**4),
-            tangential=(float(down), float(right)),
-            residual=nodes,
         )
 
     @property
@@ -307,14 +265,6 @@ def _solved(slope: Floats, wanted: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     det = a * d - b * c
     solved = np.stack([d * right - b * down, a * down - c * right], axis=-1) / det[..., None]
     return solved, (det > 0.0) & (a + d > 0.0)
-
-
-def _turned(nodes: Floats, turn: Floats) -> ResidualNodes:
-    """Nodes (rows, cols, 2) and their displacements under a flip or a quarter turn."""
-    down_first = nodes if turn[0, 0] != 0.0 else nodes.swapaxes(0, 1)
-    signs = turn.sum(axis=1)  # where the new axes, right and down, run backwards
-    kept = down_first[:: int(signs[1]), :: int(signs[0])] @ turn.T
-    return tuple(tuple((right, down) for right, down in row) for row in kept.tolist())
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class TestMockDisplay(DisplayContract):
         rig.disconnect()
 
     def find_lit(self, rig: Rig) -> bool:
-        return not bench_rig.bench_of_rig(rig).panels_black
+        return not bench_rig.are_panels_black(bench_rig.bench_of_rig(rig))
 
 
 def with_mask(folder: Path, **mask: Any) -> Config:

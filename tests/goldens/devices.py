@@ -24,13 +24,13 @@ from pdcd.bench.clock import RealClock
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.figures.catalog import FIGURES, choose_figures
-from pdcd.figures.figure import TINY_MODE
 from pdcd.figures.make import make_paper_figures, open_processes
 from pdcd.panels.draw import draw, draw_planes
 from pdcd.panels.frames import Frames
 from pdcd.panels.placing import Placing
 from tests import whole_rig, x11_rig, xserver
 from tests.fake_serial import FakeLine, fake_line
+from tests.figures_rig import TINY_MODE
 from tests.goldens.case import UnavailableError
 from tests.goldens.masks import RAW_TIME
 from tests.panel_pixels import random_frames

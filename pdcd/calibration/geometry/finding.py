@@ -58,7 +58,6 @@ class Dots:
         the quad allowed for.
     sigma_px : (n, 2), standard deviation of these, in quads, by the noise of the photos.
     blur_quads : standard deviation of the blur of the dots' edges, the quads' own width included.
-    score : agreement with the panel's code, 1 at best.
     """
 
     grid: DotGrid
@@ -67,24 +66,6 @@ class Dots:
     camera_px: Floats
     sigma_px: Floats
     blur_quads: float
-    score: float
-
-    @property
-    def mirrored(self) -> bool:
-        """Whether the panel is seen mirrored."""
-        return bool(np.linalg.det(self._slope) < 0.0)
-
-    @property
-    def turn_deg(self) -> float:
-        """Direction in the photo in which the panel's rows run, clockwise, -180 to 180."""
-        right = self._slope[:, 0]
-        return float(np.degrees(np.arctan2(right[1], right[0])))
-
-    @property
-    def _slope(self) -> Floats:
-        from_panel = np.column_stack([self.panel_px, np.ones(len(self.panel_px))])
-        slope = np.linalg.lstsq(from_panel, self.camera_px, rcond=None)[0][:2].T
-        return np.asarray(slope, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +86,7 @@ class _Centroids:
     blur: Floats
     radius: Floats
 
-    def dots(
-        self, grid: DotGrid, index: Indices, offset_quads: tuple[float, float], score: float
-    ) -> Dots:
+    def dots(self, grid: DotGrid, index: Indices, offset_quads: tuple[float, float]) -> Dots:
         """Those that were found, as dots of a grid."""
         good = np.isfinite(self.sigma).all(axis=-1)
         return Dots(
@@ -117,7 +96,6 @@ class _Centroids:
             camera_px=self.at[good] + offset_quads,
             sigma_px=self.sigma[good],
             blur_quads=float(np.median(self.blur[good])),
-            score=score,
         )
 
 
@@ -143,13 +121,13 @@ def find_dots(
     by_main = _ratio(white, black, dots, lit, main)
     _check_shown(by_main.value, lit, grid)
     rough, radius = _rough(by_main.value, lit, grid)
-    points, index, score = _told_apart(rough, radius, by_main, grid, other)
+    points, index = _told_apart(rough, radius, by_main, grid, other)
     points, index = _trusted(points, index, radius, by_main, grid, _MOST_TEXTURED[subject])
     found: list[Dots] = []
     for channel, offset_quads in enumerate(OFFSETS_QUADS[pattern]):
         ratio = by_main if channel == main else _ratio(white, black, dots, lit, channel)
         seen = _measured(ratio, points, radius, grid)
-        found.append(seen.dots(grid, index, offset_quads, score))
+        found.append(seen.dots(grid, index, offset_quads))
     return tuple(found)
 
 
@@ -267,8 +245,8 @@ def _rough(ratio: Floats, lit: Bools, grid: DotGrid) -> tuple[Floats, float]:
 
 def _told_apart(
     rough: Floats, radius: float, ratio: _Ratio, grid: DotGrid, other: DotGrid | None
-) -> tuple[Floats, Indices, float]:
-    """Place of each dot in quads, (n, 2), its index, (n, 2), and how well the code agrees.
+) -> tuple[Floats, Indices]:
+    """Place of each dot in quads, (n, 2), and its index, (n, 2).
 
     Raises where the code does not say which is which."""
     points = _centroids(ratio, rough, radius).at
@@ -292,7 +270,7 @@ def _told_apart(
             grid,
             hint,
         )
-    return points, place.index(count), place.score
+    return points, place.index(count)
 
 
 def _check_swapped(cells: Floats, grid: DotGrid, other: DotGrid | None) -> None:

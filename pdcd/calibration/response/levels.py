@@ -148,7 +148,6 @@ class GreyResponse:
 
     panel : which one.
     levels : (17,) 0..255. light, sigma : (17,) of all channels, over full light: 0 is black.
-    channels : (C, 17) of each.
     gamma, gamma_sigma : of the law ``(level / 255)^gamma``; `channel_gammas` of each channel.
     misfit : how far the law is off, of full light.
     """
@@ -157,7 +156,6 @@ class GreyResponse:
     levels: Floats
     light: Floats
     sigma: Floats
-    channels: Floats
     gamma: float
     gamma_sigma: float
     channel_gammas: tuple[float, ...]
@@ -223,11 +221,10 @@ def measure_grey_response(
     _refuse(seen, noise)
     each = (seen - seen[:, :1]) / (seen[:, -1:] - seen[:, :1])
     flat = _uneven(each, noise)
-    light = each.mean(axis=0)
-    whole = light.mean(axis=1)
-    colours = light.shape[1]
-    sigma = _errors(whole, np.sqrt((noise**2).mean(axis=(0, 2)) / colours), flat)
-    _refuse_shape(whole, float(sigma.max()))
+    light = each.mean(axis=0).mean(axis=1)
+    colours = each.shape[2]
+    sigma = _errors(light, np.sqrt((noise**2).mean(axis=(0, 2)) / colours), flat)
+    _refuse_shape(light, float(sigma.max()))
     levels = np.array(STRIP_LEVELS, np.float64)
     gamma, gamma_sigma, misfit = _power(
         levels, seen.mean(axis=2), np.sqrt((noise**2).mean(axis=2) / colours), flat
@@ -236,9 +233,8 @@ def measure_grey_response(
     return GreyResponse(
         panel=panel,
         levels=levels,
-        light=whole,
+        light=light,
         sigma=sigma,
-        channels=light.T,
         gamma=gamma,
         gamma_sigma=gamma_sigma,
         channel_gammas=tuple(gammas),

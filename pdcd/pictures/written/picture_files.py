@@ -82,11 +82,6 @@ def _check(path: Path, rgb: NDArray[np.generic]) -> None:
         raise ConfigError(f"{path.name}: an image needs shape (h, w, 3 or 1), not {rgb.shape}")
 
 
-def find_caption_height(width_px: float) -> int:
-    """Pixels that the strip below a picture of that width is high."""
-    return round(CAPTION_SHARES[0] * width_px)
-
-
 def draw_caption(
     width_px: int,
     title: str,
@@ -94,7 +89,7 @@ def draw_caption(
     greys: Sequence[tuple[int, str]],
     times: float = 1.0,
 ) -> Bytes:
-    """A caption, (`find_caption_height(times * width_px)`, width_px, 3) uint8.
+    """A caption, (`CAPTION_SHARES[0]` of `times * width_px`, width_px, 3) uint8.
 
     title, notes : ASCII; the notes are smaller, below the title, apart from each other. Both are
     shrunk to fit beside the scale.

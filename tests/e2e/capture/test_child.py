@@ -106,7 +106,7 @@ def assert_failed_safely(engine: Engine, result: CaptureResult, folder: Path) ->
     assert (folder / "job.partial" / "raw" / "coded.dng").stat().st_size > 0
     assert not list(folder.rglob(MANIFEST))
     bench = bench_rig.bench_of(engine)
-    assert bench.panels_black and not bench.shutter_open
+    assert bench_rig.are_panels_black(bench) and not bench.shutter_open
 
 
 def test_a_killed_process_fails_its_job_and_the_next_one_works(

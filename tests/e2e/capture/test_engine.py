@@ -294,9 +294,9 @@ def test_show_and_preview(tmp_path: Path) -> None:
     bench = bench_rig.bench_of(engine)
     for pattern in ("white", "checker", "code"):
         engine.show(pattern, 3)
-        assert not bench.panels_black
+        assert not bench_rig.are_panels_black(bench)
     engine.show("black")
-    assert bench.panels_black
+    assert bench_rig.are_panels_black(bench)
     told: list[Event] = []
     preview = engine.preview(job=make_job_id(), emit=told.append)
     assert {"shutter_open", "shutter_closed"} <= {event.type for event in told}

@@ -65,7 +65,7 @@ def rigged(folder: Path, wire: Tripwire) -> Engine:
 
 def assert_closed(engine: Engine, result: CaptureResult, folder: Path) -> None:
     bench = bench_rig.bench_of(engine)
-    assert bench.panels_black
+    assert bench_rig.are_panels_black(bench)
     assert not bench.shutter_open
     for found in folder.rglob(MANIFEST):
         raise AssertionError(f"{found} looks like a finished run")
@@ -108,7 +108,7 @@ def test_a_driver_that_raises_at_every_single_call(tmp_path: Path) -> None:
         result = bench_rig.capture(engine, REQUEST, "job")
         if result.state == "done":
             survived.append(step)  # the last black and close: asked again, and then fine
-            assert bench_rig.bench_of(engine).panels_black
+            assert bench_rig.are_panels_black(bench_rig.bench_of(engine))
             assert not bench_rig.bench_of(engine).shutter_open
             continue
         assert result.state == "failed"
@@ -149,7 +149,7 @@ def test_a_rig_that_does_not_open_is_left_safe(tmp_path: Path) -> None:
             engine.start()
         except DeviceLost:
             bench = bench_rig.bench_of(engine)
-            assert bench.panels_black and not bench.shutter_open
+            assert bench_rig.are_panels_black(bench) and not bench.shutter_open
             assert wire.calls.count("display.black") >= 1
             assert wire.calls.count("shutter.close") >= 1
         else:

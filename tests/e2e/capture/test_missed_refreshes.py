@@ -113,7 +113,7 @@ def run(folder: Path, faults: FaultsConfig, rig: RigConfig, **fields: Any) -> Ca
         request = CaptureRequest(goal="indirect", white=False, **fields)
         return bench_rig.capture(engine, request)
     finally:
-        assert bench_rig.bench_of(engine).panels_black
+        assert bench_rig.are_panels_black(bench_rig.bench_of(engine))
         assert not bench_rig.bench_of(engine).shutter_open
         engine.stop()
 

@@ -18,7 +18,7 @@ import pytest
 
 from pdcd.cli.main import main
 from pdcd.client import Client
-from pdcd.pictures.written.picture_files import find_caption_height
+from tests.captions import caption_height
 from tests.e2e.server._server_harness import Daemon, threaded_daemon
 from tests.sampled import sampled
 
@@ -121,7 +121,7 @@ def test_the_mock_bench_draws_what_would_be_on_its_panels(
             picture = cv2.imread(str(tmp_path / f"{name}.png"))
             assert (
                 picture is not None
-                and picture.shape[0] == height + find_caption_height(picture.shape[1])
+                and picture.shape[0] == height + caption_height(picture.shape[1])
                 and picture.max() == 255
             )
         assert main(["show", "black"]) == 0

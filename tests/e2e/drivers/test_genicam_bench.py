@@ -176,7 +176,7 @@ def test_a_camera_that_dies_ends_the_job_and_panels_are_black(tmp_path: Path) ->
         assert result.state == "failed" and result.error is not None
         assert result.error["kind"] == "device_lost"
         bench = bench_rig.bench_of(engine)
-        assert bench.panels_black
+        assert bench_rig.are_panels_black(bench)
         again = bench_rig.capture(engine, REQUEST, "second")
         assert again.state == "done", again.error
     finally:

@@ -69,7 +69,7 @@ def test_a_camera_that_is_restarted_while_it_is_armed(
         try:
             result = bench_rig.capture(engine, REQUEST)
             assert result.state == "done", result.error
-            assert not restarts and bench_rig.bench_of(engine).panels_black
+            assert not restarts and bench_rig.are_panels_black(bench_rig.bench_of(engine))
         finally:
             engine.stop()
 

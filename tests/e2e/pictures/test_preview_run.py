@@ -9,9 +9,9 @@ import numpy as np
 
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.pictures.decode import decode_folder
-from pdcd.pictures.written.picture_files import find_caption_height
 from pdcd.runs.record import Manifest
 from tests import bench_rig
+from tests.captions import caption_height
 from tests.taken import take
 
 
@@ -30,7 +30,7 @@ def test_amber_wax_that_is_said_to_be_white_is_grey(tmp_path: Path) -> None:
     config = bench_rig.config(tmp_path, scene=SceneConfig(kind="wax-disk", grid=(12, 16)))
     folder, manifest = taken(config, (0.5, 0.5))
     seen = cv2.imread(str(folder / "preview" / "white.png"))
-    assert seen is not None and seen.shape == (480 + find_caption_height(640), 640, 3)
+    assert seen is not None and seen.shape == (480 + caption_height(640), 640, 3)
     assert np.ptp(seen[240, 320].astype(int)) <= 2 and seen[240, 320, 1] > 150
     assert not warned(manifest)
     assert decode_folder(folder).identical

@@ -45,8 +45,7 @@ def test_contrasts_and_responsivity() -> None:
     coloured, grey = test_light.measured(photos), test_light.measured(greens_of(photos))
     for name in ("mask", "projector"):
         mine, other = getattr(grey, name), getattr(coloured, name)
-        assert mine.channels == pytest.approx((other.channels[1],), rel=1e-9)
-        assert mine.value == mine.channels[0]
+        assert mine.value == pytest.approx(other.value, abs=3.0 * mine.sigma)
         assert mine.sigma >= 0.9 * other.sigma  # of fewer samples
     assert grey.rate == pytest.approx(coloured.rate[[1]], rel=0.01)
     value, sigma = compute_responsivity(
@@ -59,8 +58,8 @@ def test_grey_levels() -> None:
     photos = test_response.series(test_response.power(2.2))
     coloured = measure_grey_response(photos, test_response.STRIPS)
     grey = measure_grey_response(greens_of(photos), test_response.STRIPS)
-    assert grey.channels.shape == (1, 17) and len(grey.channel_gammas) == 1
-    assert grey.light == pytest.approx(coloured.channels[1], abs=5e-3)
+    assert len(grey.channel_gammas) == 1
+    assert grey.light == pytest.approx(coloured.light, abs=5e-3)
     assert grey.gamma == pytest.approx(2.2, abs=4.0 * grey.gamma_sigma)
     assert grey.gamma_sigma > coloured.gamma_sigma
 
@@ -89,7 +88,7 @@ def test_dots_and_no_convergence() -> None:
     _, green, _ = test_finding.found(test_finding.bench())
     photos = green_of(white), green_of(black), green_of(dots)
     (grey,) = find_dots(*photos, test_finding.GRID, other=test_finding.OTHER, pattern="")
-    assert np.array_equal(grey.camera_px, green.camera_px) and grey.score == green.score
+    assert np.array_equal(grey.camera_px, green.camera_px)
     fitted: FittedMap = fit_dots(grey, white.frame, "card")
     places, figures = measure_convergence([fitted], "projector", [fitted])
     assert places.shape == (0, 2, 2) and figures == []

@@ -79,7 +79,7 @@ def exact_dots(way: Way, grid: DotGrid, panel_quads: float) -> Dots:
             seen.append(patch[lit].mean(axis=0))
     camera, where = np.array(seen), np.array(index)
     sigma = np.full(camera.shape, 1e-4)
-    return Dots(grid, where, grid.centres(where), camera, sigma, 1.0, 1.0)
+    return Dots(grid, where, grid.centres(where), camera, sigma, 1.0)
 
 
 def test_a_disc_is_not_seen_where_its_centre_is() -> None:

@@ -203,6 +203,8 @@ TURN = np.radians(12.0)
 TURNED = [
     [np.cos(TURN), -np.sin(TURN), 0.2], [np.sin(TURN), np.cos(TURN), -0.1], [0.0, 0.0, 1.0],
 ]  # fmt: skip
+MIRRORED = [[-1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+UPSIDE_DOWN = [[-1.0, 0.0, 1.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]]
 FAR = [[1.0, 0.0, 7.4 / SIZES["projector_px"][0]], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 
@@ -212,8 +214,8 @@ FAR = [[1.0, 0.0, 7.4 / SIZES["projector_px"][0]], [0.0, 1.0, 0.0], [0.0, 0.0, 1
         ({"electrons": 0.1}, None, "there is no light"),
         ({"blur_px": (9.0, 9.0)}, None, "do not modulate"),
         ({"leak": 1.0}, None, "shows no stripes|times the light"),
-        ({}, lambda it: it.mask.flipped("horizontal"), "mirrored or upside down"),
-        ({}, lambda it: it.mask.turned(2), "mirrored or upside down"),
+        ({}, lambda it: it.mask.then(MIRRORED), "mirrored or upside down"),
+        ({}, lambda it: it.mask.then(UPSIDE_DOWN), "mirrored or upside down"),
         ({}, lambda it: it.bench.mask.then(FAR), "px or more apart"),
         ({}, lambda it: it.bench.mask.then(TURNED), "not where the maps|px or more apart"),
     ],

@@ -32,6 +32,9 @@ CAMERA = Map.filling((192, 128))
 PERIODS = 6
 PROJECTOR_S, MASK_S = (0.002, 0.003), (0.004, 0.008)
 
+MIRROR = [[-1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+UPSIDE_DOWN = [[-1.0, 0.0, 1.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]]
+
 
 def turned(size: tuple[int, int], degrees: float, keystone: float) -> Map:
     """A map that fills the field and more, turned and keystoned."""
@@ -180,7 +183,7 @@ def test_panels_that_scan_against_each_other() -> None:
     np.testing.assert_allclose(timing.lag_s, lag, rtol=0, atol=0.15e-3)
     np.testing.assert_allclose(timing.taus_s, (*PROJECTOR_S, *MASK_S), rtol=0.06)
     assert timing.panel_words(MASK) == pytest.approx((-0.0162 + 0.0000, -0.0317), abs=3e-4)
-    skew_s, scan_s = timing.panel_words(MASK.turned(2))  # the same mask, counted from below
+    skew_s, scan_s = timing.panel_words(MASK.then(UPSIDE_DOWN))
     assert (skew_s, scan_s) == pytest.approx((-0.0162, 0.0317), abs=3e-4)
 
 
@@ -257,9 +260,6 @@ def test_sigmas_of_lag_and_times_are_honest() -> None:
     assert 0.5 < np.sqrt(np.mean(np.square(rows))) < 1.6
     # What is allowed for panels that are not quite exponential makes slopes look less sure.
     assert 0.2 < np.sqrt(np.mean(np.square(slopes))) < 1.6
-
-
-MIRROR = [[-1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ class Viewer:
 
         def see(frame: LiveFrame) -> None:
             self.seen.append(frame)
-            self.lit.append(not bench_rig.bench_of(engine).panels_black)
+            self.lit.append(not bench_rig.are_panels_black(bench_rig.bench_of(engine)))
 
         return engine.live(
             pattern,
@@ -59,7 +59,9 @@ class Viewer:
 
 
 def is_safe(bench: MockBench) -> bool:
-    return bench.panels_black and not bench.shutter_open and bench.shared.held is None
+    return (
+        bench_rig.are_panels_black(bench) and not bench.shutter_open and bench.shared.held is None
+    )
 
 
 @pytest.mark.parametrize("over", ["cancelled", "done"])

@@ -37,7 +37,7 @@ def test_a_preview_ends_by_the_error_that_it_had(tmp_path: Path) -> None:
     bench = bench_rig.bench_of(engine)
     with pytest.raises(Cancelled):
         engine.preview(job=make_job_id(), cancelled=lambda: True)
-    assert bench.panels_black
+    assert bench_rig.are_panels_black(bench)
     engine.stop()
 
 

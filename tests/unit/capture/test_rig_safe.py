@@ -112,7 +112,7 @@ def test_a_device_that_fails_twice_is_asked_again(
     asked = failing(monkeypatch, getattr(rig, device), method, RuntimeError("busy"), 2)
     assert rig.make_safe()
     assert asked.calls == 3
-    assert bench.panels_black and not bench.shutter_open
+    assert bench_rig.are_panels_black(bench) and not bench.shutter_open
 
 
 def test_a_device_that_fails_slowly_is_asked_no_more_once_its_time_is_over(
@@ -187,7 +187,7 @@ def test_a_driver_that_cannot_be_opened_is_named_and_the_others_are_released(
     failing(monkeypatch, getattr(rig, broken), "connect", error, 1)
     with pytest.raises(DeviceLost, match=f"{broken}: its driver failed: {type(error).__name__}: "):
         rig.connect()
-    assert bench_rig.bench_of_rig(rig).panels_black
+    assert bench_rig.are_panels_black(bench_rig.bench_of_rig(rig))
     rig.connect()
 
 
@@ -219,7 +219,7 @@ class Watched:
             real = getattr(getattr(rig, role), method)
 
             def call(*args: Any, name: str = method, real: Callable[..., Any] = real) -> Any:
-                self.calls.append((name, rig.clock.now_ns(), bench.panels_black))
+                self.calls.append((name, rig.clock.now_ns(), bench_rig.are_panels_black(bench)))
                 if name == "fetch":
                     self.fetched.append(args)
                 return real(*args)
@@ -254,7 +254,7 @@ def test_panels_that_show_something_go_black_before_the_camera_is_armed(
 ) -> None:
     """As after `pdcd show white`."""
     rig.display.show(one_code())
-    assert not bench_rig.bench_of_rig(rig).panels_black
+    assert not bench_rig.are_panels_black(bench_rig.bench_of_rig(rig))
     watched = Watched(rig, monkeypatch)
     expose(rig, tmp_path)
     assert watched.names == ["black", "arm", "open", "play", "black", "close", "fetch"]

@@ -93,7 +93,7 @@ class Viewer:
 
 def is_safe(engine: Engine) -> bool:
     bench: MockBench = bench_rig.bench_of(engine)
-    return bench.panels_black and not bench.shutter_open
+    return bench_rig.are_panels_black(bench) and not bench.shutter_open
 
 
 def rms(values: np.ndarray) -> float:

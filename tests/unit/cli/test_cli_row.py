@@ -13,8 +13,8 @@ import pytest
 from pdcd.bench.tables import RigConfig
 from pdcd.cli.main import main
 from pdcd.pictures.row import read_matrix_row
-from pdcd.pictures.written.picture_files import find_caption_height
 from tests import bench_rig
+from tests.captions import caption_height
 from tests.taken import take
 
 ROWS, COLS = bench_rig.GRID
@@ -76,7 +76,7 @@ def test_command_writes_the_picture_and_prints_figures(
     assert abs(told["realised"]["min"]) < 1e-6  # 16 Hadamard codes are exact for 12 cells
     picture = cv2.imread(str(out))
     assert picture is not None
-    height = find_caption_height(picture.shape[1])
+    height = caption_height(picture.shape[1])
     assert len(np.unique(picture[-height:])) > 10  # its strip has letters and greys
     picture = picture[:-height]
     side = picture.shape[0] // ROWS
@@ -92,7 +92,7 @@ def test_command_writes_the_picture_and_prints_figures(
 def test_negative_weights_are_darker_than_none(tmp_path: Path) -> None:
     folder = finished(tmp_path, goal="descattered", codes=16, shift=(0, -1))
     picture = read_matrix_row(folder, (1, 2)).picture((1, 2))
-    picture = picture[: -find_caption_height(picture.shape[1])]
+    picture = picture[: -caption_height(picture.shape[1])]
     side = picture.shape[0] // ROWS
     cells = picture[side // 2 :: side, side // 2 :: side, 0].astype(int)
     assert cells[1, 2] == 255 and cells[1, 1] == 0 and cells[0, 0] == 128

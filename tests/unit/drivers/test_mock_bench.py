@@ -111,9 +111,9 @@ def test_times_are_those_by_which_it_is_believed_to_have_moved(
 def test_a_shutter_opens_on_panels_that_have_settled(
     bench: MockBench, after_ms: float, settled: bool
 ) -> None:
-    assert bench.panels_black
+    assert bench.black_since_ns is not None
     bench.lit()
-    assert not bench.panels_black
+    assert bench.black_since_ns is None
     for t_ns in (1000 * MS, 1040 * MS):  # black from when they were first told
         bench.black(t_ns)
     bench.open_shutter(1000 * MS + round(after_ms * MS))

@@ -22,7 +22,6 @@ from pdcd.figures.catalog import FIGURES
 from pdcd.figures.figure import (
     FULL_MODE,
     QUICK_MODE,
-    TINY_MODE,
     BoundedNumber,
     FigureMode,
     FigurePhoto,
@@ -31,6 +30,7 @@ from pdcd.figures.figure import (
     PanelRow,
     PaperFigure,
 )
+from tests.figures_rig import TINY_MODE
 from tests.golden import alike, keep, kept_in, plain
 from tests.places import DATA
 

@@ -23,7 +23,6 @@ from pdcd.figures.catalog import FIGURES, choose_figures
 from pdcd.figures.figure import (
     FULL_MODE,
     QUICK_MODE,
-    TINY_MODE,
     BoundedNumber,
     FigureMode,
     FigurePanel,
@@ -37,6 +36,7 @@ from pdcd.figures.figure import (
 )
 from pdcd.figures.make import PAGE, MakeOutcome, make_paper_figures
 from pdcd.figures.record import capture_told, fingerprint_of, read_record
+from tests.figures_rig import TINY_MODE
 
 pytestmark = pytest.mark.whole
 

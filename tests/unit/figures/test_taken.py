@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures import fig01, fig05, fig07, fig08, fig09, fig10, fig11, fig12, tables
 from pdcd.figures.bench import count_equal_photos
-from pdcd.figures.figure import TINY_MODE, FigurePhoto, PaperFigure, Photos
+from pdcd.figures.figure import FigurePhoto, PaperFigure, Photos
 from pdcd.figures.places import average_patch
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.presets.ball_book import draw_wax
@@ -20,7 +20,7 @@ from pdcd.virtual.scene.presets.canvas import FrameRaster
 from pdcd.virtual.scene.presets.vase import draw_mirror
 from pdcd.virtual.scene.texture import average_cells
 from tests import figures_rig
-from tests.figures_rig import taken
+from tests.figures_rig import TINY_MODE, taken
 
 pytestmark = pytest.mark.long
 ROWS, COLS = TINY_MODE.grid

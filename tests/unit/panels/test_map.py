@@ -1,4 +1,4 @@
-"""Maps: there and back, slopes, grids, turns, and points that no device has."""
+"""Maps: there and back, slopes, grids, and points that no device has."""
 
 from __future__ import annotations
 
@@ -72,19 +72,6 @@ def test_the_jacobian_is_the_slope(seed: int) -> None:
         axis=-1,
     )
     np.testing.assert_allclose(map_.jacobian(points), numbers, rtol=0.0, atol=1e-8)
-
-
-@few
-@given(seed=st.integers(0, 10**6), quarters=st.integers(-5, 5))
-def test_a_stored_picture_turns_and_flips_with_its_pixels(seed: int, quarters: int) -> None:
-    map_ = bent(seed, size_px=(17, 12))
-    centres = map_.centres()
-    turned = map_.turned(quarters)
-    np.testing.assert_allclose(turned.centres(), np.rot90(centres, -quarters), atol=1e-12)
-    for flip, axis in (("horizontal", 1), ("vertical", 0)):
-        flipped = turned.flipped(flip)  # type: ignore[arg-type]
-        wanted = np.flip(np.rot90(centres, -quarters), axis)
-        np.testing.assert_allclose(flipped.centres(), wanted, atol=1e-12)
 
 
 def test_the_grid_of_centres_is_that_of_single_points() -> None:

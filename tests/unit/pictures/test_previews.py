@@ -14,8 +14,9 @@ from pdcd.panels.map import Map
 from pdcd.pictures.picture import PictureWithErrors
 from pdcd.pictures.upright import FieldView
 from pdcd.pictures.written import previews
-from pdcd.pictures.written.picture_files import CAPTION_SHARES, find_caption_height
+from pdcd.pictures.written.picture_files import CAPTION_SHARES
 from pdcd.pictures.written.previews import HATCH, Previews, write_previews
+from tests.captions import caption_height
 
 Floats = NDArray[np.float64]
 
@@ -41,16 +42,16 @@ def flat(level: float) -> Floats:
 
 def middle(drawn: NDArray[np.uint8]) -> list[int]:
     pixel: list[int] = drawn[
-        (drawn.shape[0] - find_caption_height(drawn.shape[1])) // 2, drawn.shape[1] // 2
+        (drawn.shape[0] - caption_height(drawn.shape[1])) // 2, drawn.shape[1] // 2
     ].tolist()
     return pixel
 
 
 def test_a_preview_is_the_field_with_a_strip_below() -> None:
     drawn = Previews({"white": picture(flat(0.6))}, VIEW).drawn("white")
-    assert drawn.shape == (240 + find_caption_height(320), 320, 3) and drawn.dtype == np.uint8
+    assert drawn.shape == (240 + caption_height(320), 320, 3) and drawn.dtype == np.uint8
     wide = Previews({"white": picture(flat(0.6))}, FieldView(VIEW.map, 2.0)).drawn("white")
-    assert wide.shape == (160 + find_caption_height(320), 320, 3)
+    assert wide.shape == (160 + caption_height(320), 320, 3)
 
 
 @pytest.mark.parametrize(
