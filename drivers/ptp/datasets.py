@@ -177,17 +177,6 @@ class ObjectInfo:
             )
         )  # fmt: skip
 
-    @classmethod
-    def parse(cls, data: Buffer) -> ObjectInfo:
-        """Read the dataset. Raises WireError."""
-        take = Reader(data, "ObjectInfo")
-        storage, kind, _protection, size = take.u32(), take.u16(), take.u16(), take.u32()
-        take.take(14 + 12)
-        parent = take.u32()
-        take.take(10)
-        name, captured = take.string(), take.string()
-        return cls(storage, kind, size, name, parent, captured)
-
 
 def pack_property_set(prop: int, value: int) -> bytes:
     """Data of `Operation.EOS_SET_DEVICE_PROP_VALUE_EX` for a property of one u32."""

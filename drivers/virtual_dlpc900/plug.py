@@ -101,10 +101,6 @@ class ReportController(ABC):
         with self._lock:
             return self._replies.popleft() if self._replies else None
 
-    def leave_stale(self, *sequences: int) -> None:
-        """Replies of commands long ago wait to be fetched."""
-        self._replies += [bytes([0x40, number]).ljust(64, b"\0") for number in sequences]
-
     def _forget_reports(self) -> None:
         self._assembler.forget()
         self._replies.clear()

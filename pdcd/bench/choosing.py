@@ -48,12 +48,11 @@ _SAME_RATE = 1e-3
 
 @dataclass(frozen=True)
 class Candidate:
-    """One calibration that is kept. name : for people. at : its place among the calibrations.
-    folder : of its record. why : it cannot be used by this bench; "" where it can. ours : whether
-    it may be of this rig at all. running : whether it is being made now."""
+    """One calibration that is kept. name : for people. folder : of its record. why : it cannot be
+    used by this bench; "" where it can. ours : whether it may be of this rig at all. running :
+    whether it is being made now."""
 
     name: str
-    at: Path
     folder: Path
     record: Calibration | None
     why: str
@@ -106,7 +105,7 @@ def read_candidate(at: Path, config: Config, *, named: bool = False) -> Candidat
     if not why and not record.usable:
         why = "its verdict is bad"
     why = "it is being made" if running else to_one_line(why)
-    return Candidate(name, at, folder, record, why, ours, running)
+    return Candidate(name, folder, record, why, ours, running)
 
 
 def find_newest_calibration(folder: Path, config: Config, *, bad: bool = False) -> Path | None:
@@ -325,7 +324,7 @@ def _name(at: Path) -> str:
 
 
 def _unread(name: str, at: Path, why: str) -> Candidate:
-    return Candidate(name, at, at, None, to_one_line(why))
+    return Candidate(name, at, None, to_one_line(why))
 
 
 def _last_kept(folder: Path) -> Path | None:

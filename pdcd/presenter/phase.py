@@ -39,13 +39,10 @@ class VblankPhase:
     period_s : refresh of projector and mask.
     lag_s : by how much the mask's vblank follows the projector's nearest one, at the last sample;
         negative when it leads.
-    slip_s : time in which one gains a refresh on the other, by the measured periods; with 20
-        samples over a second it is known no better than its order of magnitude.
     """
 
     period_s: tuple[float, float]
     lag_s: float
-    slip_s: float | None
 
 
 def is_from_timer(stamps: _Stamps) -> bool:
@@ -66,8 +63,7 @@ def compare_vblanks(projector: _Stamps, mask: _Stamps) -> VblankPhase | None:
     at_ns = float(max(projector[-1, 0], mask[-1, 0]))
     apart = (second_ns - at_ns) % second - (first_ns - at_ns) % first
     lag = (apart + 0.5 * period) % period - 0.5 * period
-    slip_s = None if first == second else 1e-9 / abs(1.0 / first - 1.0 / second)
-    return VblankPhase((first * 1e-9, second * 1e-9), lag * 1e-9, slip_s)
+    return VblankPhase((first * 1e-9, second * 1e-9), lag * 1e-9)
 
 
 def measure_vblank_phase(name: str, panels: tuple[Rect, Rect]) -> VblankPhase | None:

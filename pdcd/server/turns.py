@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter, deque
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 
 
 class UserTurns:
@@ -24,11 +22,6 @@ class UserTurns:
         self._held: Counter[int] = Counter()
         self._waiting: dict[int, deque[asyncio.Future[None]]] = {}
         """By user; whoever is next comes first."""
-
-    @property
-    def held(self) -> dict[int, int]:
-        """Places by user."""
-        return {uid: count for uid, count in self._held.items() if count}
 
     async def take(self, uid: int) -> None:
         """Wait for a place; whoever has one gives it back."""
@@ -50,15 +43,6 @@ class UserTurns:
             self._hand_out()
         else:
             self._end_rest(uid)
-
-    @asynccontextmanager
-    async def turn(self, uid: int) -> AsyncIterator[None]:
-        """A place for as long as the context lasts."""
-        await self.take(uid)
-        try:
-            yield
-        finally:
-            self.give_back(uid)
 
     def _end_rest(self, uid: int) -> None:
         self._held[uid] -= 1

@@ -78,7 +78,6 @@ class FittedMap:
     source_px, target_px, residual_px : (n, 2), where the points lie on either, and what the fit
         leaves of each, in target pixels.
     inlier : (n,) bool.
-    scatter : errors over what noise alone would leave; sigmas are enlarged by it where above 1.
     nodes : (rows, columns) of the residual.
     """
 
@@ -90,7 +89,6 @@ class FittedMap:
     target_px: Floats
     residual_px: Floats
     inlier: Bools
-    scatter: float
     nodes: tuple[int, int]
 
     def to_target(self, source_px: Floats) -> Floats:
@@ -134,12 +132,12 @@ def fit_map(
     numbers = np.concatenate([lens, np.zeros(2 * nodes[0] * nodes[1])])
     basis = model.basis(pairs.source_px)
     prior, expected = model.prior(numbers)
-    scatter = 1.0
     for _ in range(_ROUNDS):
         error = wanted - model.target(numbers, basis, near)
         lengths = np.hypot(*(error / sigma).T)
         middle = max(float(np.median(lengths)), _SLIGHT)
         weight = 1.0 / (1.0 + (lengths / (_CAUCHY * middle)) ** 2)
+        # Errors over what noise alone would leave: sigmas are enlarged by it where it is above 1.
         scatter = max(middle / _RAYLEIGH, _together(model, near, error / sigma, lengths, nodes))
         per = np.sqrt(weight)[:, None] / (sigma * max(scatter, 1.0))
         rows = (model.slopes(numbers, basis, near) * per[..., None]).reshape(-1, numbers.size)
@@ -160,7 +158,6 @@ def fit_map(
         target_px=pairs.target_px,
         residual_px=residual_px,
         inlier=_inliers(residual_px),
-        scatter=scatter,
         nodes=nodes,
     )
 

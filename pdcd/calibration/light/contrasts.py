@@ -41,11 +41,10 @@ projector's white is darker, and with it the unit of light; the room is not."""
 
 @dataclass(frozen=True)
 class _Share:
-    """A share of white light, of all channels and of each, with standard deviations."""
+    """A share of white light, of all channels together, and its standard deviation."""
 
     value: float
     sigma: float
-    channels: tuple[float, ...]
 
     @property
     def seen(self) -> bool:
@@ -214,12 +213,12 @@ def _room(whole: LightSeries, eps: float) -> _Share | None:
 
 
 def _share(series: LightSeries, ratio: Floats, error: Floats, white: LitMeans) -> _Share:
-    """Of each colour and all; `error` in units of the photos, common to all quads; what scales
+    """Of all colours together; `error` in units of the photos, common to all quads; what scales
     every share alike comes on top."""
     value = float(ratio[-1])
     scale = np.hypot(series.edge_error, abs(series.lamp) / 2.0)
     sigma = float(np.hypot(error[-1] / white.mean[-1], value * scale))
-    return _Share(value, sigma, tuple(float(v) for v in ratio[:-1]))
+    return _Share(value, sigma)
 
 
 def compute_responsivity(

@@ -44,14 +44,13 @@ _FEWEST = 12
 class MapCorrection:
     """A smooth field of displacements over a device.
 
-    nodes, sigma : (rows, cols, 2) in projector pixels (right, down), evenly over the device, edges
-        included; sigma is that of each node. covariance : (2, nodes, nodes), of each axis.
+    nodes : (rows, cols, 2) in projector pixels (right, down), evenly over the device, edges
+        included. covariance : (2, nodes, nodes), of each axis.
     left_px : (n, 2), what it leaves of the offsets it was made of.
     """
 
     size_px: tuple[int, int]
     nodes: Floats
-    sigma: Floats
     covariance: Floats
     left_px: Floats
 
@@ -93,10 +92,7 @@ def fit_map_correction(offsets: MaskOffsets, mask: Map) -> MapCorrection:
     nodes = np.stack([nodes for nodes, _ in solved], axis=-1)
     left = offsets.offset_px[good] - basis @ nodes
     covariance = np.stack([each for _, each in solved])
-    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
-    return MapCorrection(
-        mask.size_px, nodes.reshape(*shape, 2), sigma.reshape(*shape, 2), covariance, left
-    )
+    return MapCorrection(mask.size_px, nodes.reshape(*shape, 2), covariance, left)
 
 
 def correct_mask_map(mask: Map, projector: Map, correction: MapCorrection) -> Map:

@@ -62,11 +62,6 @@ class ShutterTimes:
     by_band: Floats
 
     @property
-    def exposure_s(self) -> float:
-        """For how long it was open."""
-        return self.closed_s - self.opened_s
-
-    @property
     def travel_s(self) -> tuple[float, float]:
         """How much later the last row opened, and closed, than the first: straight lines through
         the bands."""

@@ -74,7 +74,6 @@ def test_errors_are_what_sigma_says() -> None:
         source, target = points(500, seed)
         # The stated error of a point may be wrong; its scatter corrects that.
         found = fitted(source, target + rng.normal(0.0, 0.2, target.shape), 0.1)
-        assert found.scatter == pytest.approx(2.0, rel=0.2)
         ratios.append((found.to_target(there) - wanted) / found.sigma_px(there))
     assert 0.8 < np.concatenate(ratios).std() < 1.2
 
@@ -87,7 +86,8 @@ def test_errors_that_neighbours_share_do_not_average_out() -> None:
     alike = fitted(source, target + shared[at[:, 1], at[:, 0]], 0.05)
     alone = fitted(source, target + rng.normal(0.0, 0.05, target.shape), 0.05)
     assert mad_px(alike.residual_px) < 1.2 * mad_px(alone.residual_px)
-    assert alike.scatter > 1.5 * alone.scatter
+    there = points(100, 99)[0]
+    assert np.median(alike.sigma_px(there) / alone.sigma_px(there)) > 1.3
 
 
 def test_a_lens_is_not_made_up_where_there_are_no_points() -> None:

@@ -186,7 +186,6 @@ OBJECT_INFO = b"".join(
 
 def test_object_info_is_laid_out_as_the_standard_says() -> None:
     info = ObjectInfo(0x20001, 0xB103, 0x1234, "ab", parent=9, captured="2")
-    assert ObjectInfo.parse(OBJECT_INFO) == info
     assert info.pack() == OBJECT_INFO
 
 
@@ -346,12 +345,11 @@ def test_fuzzed_events(data: bytes) -> None:
 
 
 @fuzz
-@given(st.one_of(ANY, _damaged(DEVICE_INFO), _damaged(OBJECT_INFO)))
+@given(st.one_of(ANY, _damaged(DEVICE_INFO)))
 @example(b"\xff" * 64)
 def test_fuzzed_datasets(data: bytes) -> None:
     for parse in (
         DeviceInfo.parse,
-        ObjectInfo.parse,
         parse_property_set,
         parse_custom_functions,
         is_raw_only,
@@ -408,8 +406,7 @@ def test_a_size_that_does_not_fit_is_left_open_or_told_as_the_largest() -> None:
         for payload_bytes in (0xFFFFFFFF - 13, 0xFFFFFFFF - 12, 1 << 40)
     ]
     assert lengths == [0xFFFFFFFE, 0xFFFFFFFF, 0xFFFFFFFF]
-    packed = ObjectInfo(1, 2, 1 << 33, "a").pack()
-    assert ObjectInfo.parse(packed) == ObjectInfo(1, 2, 0xFFFFFFFF, "a", 0, "")
+    assert ObjectInfo(1, 2, 1 << 33, "a").pack() == ObjectInfo(1, 2, 0xFFFFFFFF, "a").pack()
 
 
 @pytest.mark.parametrize("on_card", [True, False])

@@ -25,7 +25,7 @@ SIZES = (256, 192), (400, 300)
 
 PANELS = Rect(0, 0, 256, 192), Rect(256, 0, 400, 300)
 
-PHASE = VblankPhase((1 / 60, 1 / 59.5), 0.0025, 2.0)
+PHASE = VblankPhase((1 / 60, 1 / 59.5), 0.0025)
 
 
 class Parts:

@@ -71,7 +71,7 @@ async def test_what_a_read_returns_or_raises_is_the_askers() -> None:
         assert await readers.run(ANNA, lambda: read) == "read"
         with pytest.raises(ZeroDivisionError):
             await readers.run(ANNA, lambda: fails)
-    assert not readers._turns.held
+    assert not readers._turns._held
     assert all(thread.daemon and thread.name == "pdcd-reader" for thread in threads)
 
 
@@ -104,14 +104,14 @@ async def test_who_finds_no_thread_or_no_room_in_time_is_told_so(disk: Disk) -> 
     with pytest.raises(BusyError, match="too many arrays") as caught:
         await readers.run(ANNA, prepare, lambda: False)
     assert caught.value.hint == "wait until some are answered"
-    assert not readers._turns.held and not prepared
+    assert not readers._turns._held and not prepared
     readers._limit_s = LONG_S
     first = asyncio.create_task(readers.run(ANNA, prepare))
     await until(lambda: disk.reads == 1)
     readers._limit_s = 0.0
     with pytest.raises(BusyError):
         await readers.run(ANNA, prepare)
-    assert len(prepared) == 1 and readers._turns.held == {ANNA: 1}
+    assert len(prepared) == 1 and readers._turns._held == {ANNA: 1}
     disk.free.set()
     assert await first == "read"
 
@@ -122,9 +122,9 @@ async def test_a_read_that_takes_too_long_is_left_behind_and_told_to_end(disk: D
         await readers.run(ANNA, disk.prepare)
     assert caught.value.hint == "give files of a disk that answers"
     await until(lambda: disk.reads == 1)
-    assert readers._turns.held == {ANNA: 1}  # until it really ends
+    assert readers._turns._held == {ANNA: 1}  # until it really ends
     disk.free.set()
-    await until(lambda: not readers._turns.held)
+    await until(lambda: not readers._turns._held)
     assert disk.ended == ["_Over"]
 
 
@@ -136,7 +136,7 @@ async def test_a_read_that_cannot_be_prepared_takes_no_thread() -> None:
     for _ in range(2):
         with pytest.raises(RequestError, match="no such file"):
             await readers.run(ANNA, prepare)
-    assert not readers._turns.held
+    assert not readers._turns._held
 
 
 async def test_a_read_whose_loop_has_ended_ends_in_silence(

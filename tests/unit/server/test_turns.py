@@ -22,12 +22,15 @@ class Work:
         self.tasks: list[asyncio.Task[None]] = []
 
     async def _do(self, uid: int) -> None:
-        async with self.turns.turn(uid):
+        await self.turns.take(uid)
+        try:
             self.order.append(uid)
             done = asyncio.Event()
             self.busy[done] = uid
             await done.wait()
             del self.busy[done]
+        finally:
+            self.turns.give_back(uid)
 
     async def ask(self, *uids: int) -> None:
         self.tasks += [asyncio.create_task(self._do(uid)) for uid in uids]
@@ -41,7 +44,7 @@ class Work:
         while self.busy:
             await self.end_one()
         await asyncio.gather(*self.tasks, return_exceptions=True)
-        assert not self.turns.held and not self.turns._waiting
+        assert not self.turns._held and not self.turns._waiting
         return self.order
 
 
@@ -85,7 +88,7 @@ async def test_who_leaves_while_waiting_or_just_then_takes_no_place() -> None:
     await asyncio.sleep(0)  # the place is being handed to Bert
     work.tasks[2].cancel()
     await settle()
-    assert work.order == [EVE] and not work.turns.held
+    assert work.order == [EVE] and not work.turns._held
     await work.ask(ANNA)
     assert await work.end_all() == [EVE, ANNA]
 
@@ -110,4 +113,4 @@ async def test_a_user_who_rests_gives_the_place_to_others_at_once(
     await settle()
     assert waiting[0].done()
     turns.give_back(EVE)
-    assert not turns.held
+    assert not turns._held
