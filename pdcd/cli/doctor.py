@@ -100,8 +100,11 @@ def diagnose_bench(args: argparse.Namespace) -> int:
     """Run the acceptance checks, two captures among them; fails when any of them does."""
     from pdcd.api.acceptance import check_acceptance, write_acceptance
     from pdcd.api.signals import send_signals_to
+    from pdcd.files.put import check_replaceable
 
     config = load_config(args.config)
+    if args.page is not None:
+        check_replaceable(args.page)
     with send_signals_to(signal.default_int_handler):  # which leaves panels black on its way out
         record = check_acceptance(config, list(examine_bench(config)), args.out)
     if args.json:

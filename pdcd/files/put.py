@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 
@@ -24,6 +26,14 @@ def replace_file(path: Path, data: bytes) -> None:
             )
         finally:
             system.close(folder)
+
+
+def check_replaceable(path: Path) -> None:
+    """Make sure, ahead of long work, that `replace_file` can write there. Raises what it raises."""
+    with disk_errors(str(path)):
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        tempfile.TemporaryFile(dir=path.parent).close()
 
 
 def write_atomic(

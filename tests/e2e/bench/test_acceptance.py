@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from pdcd.api.acceptance import AcceptanceRecord, AcceptanceRow, write_acceptance
+from pdcd.cli.exits import FAILED
 from pdcd.cli.main import main
 from tests.browser import browser
 
@@ -101,6 +102,18 @@ def test_a_planted_fault_fails_in_its_row(
     code, rows, _ = accept(tmp_path, capsys, truth, camera)
     assert code == 5
     assert row in failed(rows)
+
+
+def test_a_page_that_cannot_be_written_is_refused_before_any_light(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "bench.toml"
+    config.write_text("")
+    for page in (tmp_path, tmp_path / "nowhere" / "page.html"):
+        asked = ["--config", str(config), "--page", str(page), "--out", str(tmp_path / "runs")]
+        assert main(["doctor", "bench", *asked]) == FAILED
+        assert str(page) in capsys.readouterr().err
+        assert [file.name for file in tmp_path.iterdir()] == ["bench.toml"]
 
 
 def test_the_page_fits_one_sheet_and_does_nothing(tmp_path: Path) -> None:
