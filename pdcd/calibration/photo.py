@@ -23,7 +23,7 @@ _Marks = NDArray[np.bool_]
 _OfColour = TypeVar("_OfColour")
 
 BLOCK_QUADS = 16
-SMALL_FRAME_HINT = "set the camera to full-size RAW; of a mock bench, set camera.frame_quads"
+SMALL_FRAME_HINT = "set the camera to full-size RAW; for a mock bench, set camera.frame_quads"
 """Side of the blocks that large pictures are worked on in."""
 _CLIPPED_SHARE = 1e-3
 """Share of saturated quads from which a photo is over-exposed; hot pixels stay below it."""
@@ -206,10 +206,10 @@ def check_brightness(levels: Mapping[str, float], floor: float) -> None:
         )
     if dark:
         raise CalibrationError(
-            f"photo {dark[0]} is dark, others of the same light are not: the shutter did not open, "
-            "or the panels showed nothing",
+            f"photo {dark[0]} is dark, but others of the same light are not: the shutter did not "
+            "open, or the panels showed nothing",
             device="shutter",
-            hint="look at the shutter's lag and its cable, and repeat the step",
+            hint="check the shutter's lag and its cable, and repeat the step",
         )
 
 
@@ -237,14 +237,14 @@ def check_camera_settings(
             raise CalibrationError(
                 f"photo {name} was taken at f/{said.f_number:g}, not at f/{f_number:g}",
                 device="camera",
-                hint="set the lens, or what is asked of it",
+                hint=f"set the lens to f/{f_number:g}, or ask for f/{said.f_number:g}",
             )
         asked_s = (open_s or {}).get(name, 0.0)
         if said.exposure_s and said.exposure_s + _BULB_S < asked_s:
             raise CalibrationError(
                 f"photo {name} was exposed for {said.exposure_s:g} s, not for {asked_s:.3g} s",
                 device="shutter",
-                hint="set the camera to bulb; look at the shutter's cable",
+                hint="set the camera to bulb; check the shutter's cable",
             )
     stops = {said.f_number for said in seen.values() if said.f_number}
     if len(stops) > 1:

@@ -202,7 +202,7 @@ class CalibrationSession:
         map_ = getattr(self.config, device).place.map
         if not isinstance(map_, Map):
             raise CalibrationError(
-                f"where the {device} lies was not measured yet",
+                f"where the {device} lies has not been measured yet",
                 device=device,
                 hint="run pdcd calibrate geometry first",
             )

@@ -139,7 +139,7 @@ def _computed(study: CalibrationStudy, step: StepRecord) -> StepRecord:
             raise CalibrationError(
                 f"step {step.name} of this pdcd takes a photo {wanted.name}, which the one that "
                 "made the folder did not",
-                hint=f"compute it again with that version, or pdcd calibrate {step.name} anew",
+                hint=f"compute it again with that version, or run pdcd calibrate {step.name}",
             )
         wanted = study.photo(photos.pop(0))
     return wanted.step

@@ -77,7 +77,7 @@ class FrameCheck:
             self._check(head.frame)
             if is_camera_turned(self.config, head.flip):
                 self.journal.warn(
-                    "the camera is held another way than when it was calibrated: calibrate geometry"
+                    "the camera was turned since it was calibrated: calibrate the geometry"
                 )
             self._first = file, head
             return
@@ -89,10 +89,10 @@ class FrameCheck:
         ):
             if now != then:
                 raise ExposureError(
-                    f"{file} is unlike {before}: {what} {now}, not {then}",
+                    f"{file} is unlike {before}: its {what} is {now}, not {then}",
                     device="camera",
-                    hint="leave camera and settings alone during a run; switch off its rotation "
-                    "of pictures",
+                    hint="leave the camera and its settings alone during a run; switch off its "
+                    "rotation of pictures",
                 )
 
     def _check(self, frame: tuple[int, int]) -> None:
@@ -244,7 +244,7 @@ def _bad_later(record: Calibration, folder: Path, config: Config) -> Iterator[st
     same = (later.bench, later.identity.truth) == (record.bench, record.identity.truth)
     if same and later.verdict == "bad":
         yield (
-            f"{last.name}, a calibration or check after {record.name}, found what is bad: see "
+            f"{last.name}, a calibration or check after {record.name}, found something bad: see "
             f"{last / RECORD}, and calibrate again"
         )
 
@@ -284,4 +284,4 @@ def _old(record: Calibration, table: CalibrationConfig) -> Iterator[str]:
         )
     limit = {"daily": _DAY, "always": _SESSION_DAYS, "never": math.inf}[table.check]
     if days > limit:
-        yield f"the bench was not checked for {24.0 * days:.0f} h: pdcd calibrate check"
+        yield f"the bench has not been checked for {24.0 * days:.0f} h: run pdcd calibrate check"

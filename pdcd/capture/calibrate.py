@@ -222,7 +222,7 @@ class CalibrationRun:
             self._notify(events.ShotDiscarded(shot=wanted.name, name=name, cause=cause))
         more = "rig.on_miss = 'flag' keeps photos in which nothing moves"
         if self.config.rig.on_miss != "abort":
-            more = "of this photo none may be: leave its step out, as pdcd calibrate geometry does"
+            more = "this photo may miss none: leave its step out by naming the other steps"
         raise SyncError(
             f"photo {wanted.name} was spoilt {number} times: {cause}",
             device="display",

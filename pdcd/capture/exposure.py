@@ -40,8 +40,8 @@ def verify_times(log: FrameLog, photo: RawFile | PhotoFrame) -> FrameLog:
         (primal, dual), (seen, other) = log.pulses, photo.pulses
         hints = [hint for hint in (log.pulses_hint, photo.pulses_hint) if hint]
         raise PhotoError(
-            f"the camera counted {seen} pulses of the projector and {other} of the mask, which "
-            f"were to give {primal} and {dual}",
+            f"the camera counted {seen} pulses of the projector and {other} of the mask, "
+            f"instead of {primal} and {dual}",
             device="display",
             hint="; ".join(hints) or "check the wires from the panels' outputs to the camera",
         )

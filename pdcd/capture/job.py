@@ -137,8 +137,8 @@ def list_run_warnings(
         )
     if config.camera.responsivity_e is None and not mock:
         yield (
-            "camera.responsivity_e is not set: the scale of the pictures, and what errors were "
-            "foreseen, are those of a nominal camera"
+            "camera.responsivity_e is not set: the scale of the pictures and the predicted "
+            "errors are those of a nominal camera"
         )
     if profile.estimated:
         yield f"sensor profile {profile.name} is an estimate"

@@ -196,7 +196,7 @@ class CalibrationKeeper:
                 continue
             if key in stale:
                 self.stale[key] = (
-                    f"{key} is no longer used: {stale[key]} was measured anew since {entry.step} "
+                    f"{key} is no longer used: {stale[key]} was measured again after {entry.step} "
                     f"found it; run pdcd calibrate {entry.step}"
                 )
                 continue

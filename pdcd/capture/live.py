@@ -213,7 +213,7 @@ def _make_dark(rig: Rig, thread: FinderThread | None) -> bool:
         return rig.make_safe()
     rig.look_at_finder = partial(thread.wait, rig.context.patience.look)
     logger.error(
-        "the camera is not done with its last picture, or hangs: its finder is left behind"
+        "the camera has not finished its last picture, or hangs: its live view is left behind"
     )
     return rig.make_safe_beside(_GRACE_S)
 
@@ -224,5 +224,5 @@ def _make_end() -> Cancelled:
 
 def _make_lost() -> DeviceLost:
     return DeviceLost(
-        "the camera hangs in its finder", device="camera", hint="switch it off and on"
+        "the camera hangs in its live view", device="camera", hint="switch it off and on"
     )

@@ -173,7 +173,7 @@ class Rig:
         verb = "is" if len(virtual) == 1 else "are"
         return (
             f"{' and '.join(virtual)} {verb} virtual (driver mock) and the camera is not "
-            f"({config.camera.driver}): photos show what really stands before it, and are not "
+            f"({config.camera.driver}): photos show what really stands in front of it, and are not "
             "compared with the mock scene"
         )
 

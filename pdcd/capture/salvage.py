@@ -142,7 +142,7 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
     kept = read_ledger(source)
     fault, run = find_name_fault(kept.begun.job), kept.run
     if fault is not None or "/" in kept.begun.job:
-        raise DecodeError(f"{LEDGER} names a job that cannot be: {fault or 'a path'}")
+        raise DecodeError(f"{LEDGER} names an impossible job: {fault or 'a path'}")
     if run is None or kept.planned is None:
         raise DecodeError("the run ended before its first exposure", hint="capture again")
     wrong = _fault_in(source, CODES, kept.planned.codes, watch)

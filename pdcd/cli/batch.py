@@ -43,7 +43,7 @@ def take_batch(args: argparse.Namespace) -> int:
         raise ConfigError("--workers goes with --local", hint="a daemon takes one at a time")
     if args.retries < 0 or not 0.0 <= args.pause <= 86400.0:
         raise ConfigError(
-            f"--retries {args.retries} and --pause {args.pause:g} do not say how often and when",
+            f"--retries {args.retries} --pause {args.pause:g} is out of range",
             hint="--retries takes 0 or more, --pause seconds from 0 to 86400",
         )
     photos = read_batch_table(args.table)

@@ -38,7 +38,7 @@ def read_batch_table(source: Path) -> list[_Photo]:
     else:
         found = _read_tables(source)
     if not found:
-        raise ConfigError(f"{source} has no photo", hint=_HINT)
+        raise ConfigError(f"{source} lists no photo", hint=_HINT)
     faults: list[str] = []
     photos = [_check(photo, source, f"photo {n + 1}", faults) for n, photo in enumerate(found)]
     if faults:
@@ -53,11 +53,11 @@ def _read_tables(source: Path) -> list[_Photo]:
     if tables or not isinstance(shared, dict) or not isinstance(listed, list):
         named = ", ".join(tables) or "all" * (not isinstance(shared, dict)) or "photo"
         raise ConfigError(
-            f"{source}: {named} is not what a batch has",
+            f"{source}: {named} is not a table of a batch",
             hint="write [all] for what all photos share, and [[photo]] for each",
         )
     if not all(isinstance(photo, dict) for photo in listed):
-        raise ConfigError(f"{source}: a photo is no table", hint="write [[photo]] for each")
+        raise ConfigError(f"{source}: a photo is not a table", hint="write [[photo]] for each")
     return [{**shared, **photo} for photo in listed]
 
 

@@ -185,7 +185,9 @@ def _again(args: argparse.Namespace) -> int:
     from pdcd.capture.again import recompute_calibration
 
     if args.step or args.anew or args.local or args.socket or args.scene or args.marks != "auto":
-        raise ConfigError("--again goes alone: it needs no rig and takes all steps of the folder")
+        raise ConfigError(
+            "--again takes no steps and no options of a rig: it repeats all steps of the folder"
+        )
     report = recompute_calibration(args.again)
     items = ((item.name, item.identical) for item in report.items)
     return say_comparison(report, items, as_json=args.json)
@@ -245,7 +247,7 @@ def _use(config: Config, name: str, *, as_json: bool) -> int:
     else:
         at = find_calibration(config, name)
         found = read_candidate(at, config, named=True)
-        why = "it holds nothing that is whole" if found is None else found.why
+        why = "it holds no whole calibration" if found is None else found.why
         if found is None or why:
             raise ConfigError(
                 f"calibration {name} cannot be used by this bench: {why}",
@@ -257,15 +259,15 @@ def _use(config: Config, name: str, *, as_json: bool) -> int:
         say_json({"use": name, "rig": config.rig.name, "typed": typed})
         return DONE
     if typed != "latest":
-        say_text(f"written down; but the configuration says [calibration] use = {typed!r}, ")
-        say_text("which goes first: remove that line")
+        say_text(f"noted; but the configuration says [calibration] use = {typed!r}, ")
+        say_text("which takes precedence: remove that line")
         return DONE
     used, trouble = _choice(config)
     if used is None:
         say_text(trouble)
         return DONE
     folder = "no calibration" if used.folder is None else str(used.folder)
-    say_text(f"in use: {folder}; a daemon that runs goes by it from its next start on")
+    say_text(f"in use: {folder}; a running daemon uses it from its next start on")
     return DONE
 
 

@@ -33,7 +33,7 @@ def prepare_bench(args: argparse.Namespace) -> int:
     """Write a bench, look at it as the doctor does, and fail where anything must be mended."""
     asks = not args.yes
     if asks and not sys.stdin.isatty():
-        raise ConfigError("there is nobody to ask", hint="say --yes to accept every proposal")
+        raise ConfigError("there is nobody to ask", hint="give --yes to accept every proposal")
     folder = _find_folder(args.out)
     tell_user("looking at outputs, USB, network and serial ports ...")
     facts = find_bench_facts(args.display)
@@ -62,7 +62,7 @@ def _find_folder(out: Path | None) -> Path:
     if folder is None:
         raise ConfigError(
             f"uid {os.getuid()} has no home folder for a configuration",
-            hint="say --out DIR, or set XDG_CONFIG_HOME",
+            hint="give --out DIR, or set XDG_CONFIG_HOME",
         )
     return folder
 
@@ -133,7 +133,7 @@ def _ask(question: str, ways: dict[str, str], proposed: str) -> str:
         tell_user(f"{told}, or Return alone for {proposed}:" if proposed else f"{told}:")
         line = sys.stdin.readline()
         if not line:
-            raise ConfigError("there is no answer", hint="say --yes to accept every proposal")
+            raise ConfigError("there is no answer", hint="give --yes to accept every proposal")
         said = line.strip() or proposed
         if said.isdecimal() and 1 <= int(said) <= len(names):
             return names[int(said) - 1]
@@ -166,17 +166,17 @@ def _list_steps(made: BenchProposal, folder: Path, bad: Sequence[Finding]) -> It
     """Sentences, in the order in which things are done."""
     yield from made.left
     if made.modes is not None:
-        yield f"read {folder / INSTALL}, then say: sudo sh {folder / INSTALL}"
+        yield f"read {folder / INSTALL}, then run: sudo sh {folder / INSTALL}"
         yield (
             "the X server of the bench takes the screen: from ssh or a text terminal (Ctrl-Alt-F3) "
-            "say: sudo systemctl disable --now display-manager; sudo systemctl start pdcd-x pdcd"
+            "run: sudo systemctl disable --now display-manager; sudo systemctl start pdcd-x pdcd"
         )
         yield (
-            "log in again, for the group pdcd, then say: XAUTHORITY=/run/pdcd-x/auth pdcd doctor "
+            "log in again, for the group pdcd, then run: XAUTHORITY=/run/pdcd-x/auth pdcd doctor "
             f"display (the service reads /etc/pdcd/{CONFIG}, a copy)"
         )
     elif made.port is not None or made.tables.get("camera", {}).get("driver") == "ptp":
-        yield f"for rights on devices, or for the service, say: sudo sh {folder / INSTALL}"
+        yield f"for rights on devices, or for the service, run: sudo sh {folder / INSTALL}"
     waits = {"X server"} if made.modes is not None else set()
     yield from (f"{f.what}: {f.hint or f.found}" for f in bad if f.what not in waits)
     config = "" if folder == _find_default() else f" --config {folder / CONFIG}"
@@ -184,5 +184,5 @@ def _list_steps(made: BenchProposal, folder: Path, bad: Sequence[Finding]) -> It
     # What counts refreshes cannot be measured where the processor draws.
     drawn = made.tables.get("display", {}).get("options", {}).get("allow_software")
     step = " geometry" if drawn else ""
-    yield f"put a white card where the scene will be and say: pdcd calibrate{step}{where}"
+    yield f"put a white card where the scene will be and run: pdcd calibrate{step}{where}"
     yield f"take a photo: pdcd capture indirect{where}"

@@ -66,7 +66,7 @@ def _run(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         return _fail(args, CANCELLED, "interrupted", "cancelled")
     except SystemExit as err:  # of a driver, or of what it loads
-        said = f"a driver, or a library of its, ended the program: SystemExit {err.code!r:.200}"
+        said = f"a driver, or one of its libraries, ended the program: SystemExit {err.code!r:.200}"
         return _fail(args, FAILED, said, PdcdError.kind)
     except BrokenPipeError:
         raise

@@ -146,7 +146,7 @@ def ask_consent(question: str, *, silent: bool) -> bool:
     """Whether somebody at this terminal agrees. Raises ConfigError where nobody is there to ask, or
     who reads the output is no person (`silent`)."""
     if silent or not sys.stdin.isatty():
-        raise ConfigError("there is nobody to ask", hint="say --yes")
+        raise ConfigError("there is nobody to ask", hint="give --yes")
     tell_user(f"{question} [y/N]")
     if sys.stdin.readline().strip().lower() in ("y", "yes"):
         return True

@@ -135,7 +135,7 @@ def verify(args: argparse.Namespace) -> int:
         found = _find_everywhere(args, query)
         args.folder = [Path(run.folder) for run in found if run.state in _FINISHED]
         if not args.folder:
-            tell_user("no finished run is like that: nothing was verified")
+            tell_user("no finished run matches: nothing was verified")
     args.manifest_sha256 = None
     return verify_runs(args)
 
@@ -274,7 +274,7 @@ def _tell_limits(page: Page) -> None:
         tell_user(f"not looked into: {page.state_folder}/{folder}")
     if page.cut:
         tell_user(
-            "there are more names than are looked at: some runs may be missing from this list"
+            "there are more names than were looked at: some runs may be missing from this list"
         )
 
 
@@ -379,10 +379,10 @@ def _check_prune(args: argparse.Namespace) -> None:
     """Raise ConfigError unless it was said which runs are to go."""
     check_option_order(args)
     if args.keep is not None and args.keep < 0:
-        raise ConfigError(f"--keep {args.keep} is less than nothing", hint="type --keep 10 for ten")
+        raise ConfigError(f"--keep {args.keep} is negative", hint="type --keep 10 for ten")
     if args.older_than is None and args.keep is None and not args.failed:
         raise ConfigError(
-            "it was not said which runs to remove",
+            "no runs to remove were named",
             hint="name at least one of --older-than, --failed and --keep",
         )
 
@@ -418,4 +418,4 @@ def parse_moment(text: str, option: str, now: datetime | None = None) -> datetim
         # A moment without a zone is taken for one of this machine's.
         return datetime.fromisoformat(text).astimezone(UTC)
     except (ValueError, OverflowError) as err:
-        raise ConfigError(f"{option} {text!r} is no moment", hint=f"it takes {WHEN}") from err
+        raise ConfigError(f"{option} {text!r} is not a time", hint=f"it takes {WHEN}") from err

@@ -105,7 +105,7 @@ def _unsound(device: str, what: str) -> ConfigError:
     return ConfigError(
         f"the map of the {device} {what}",
         device=device,
-        hint="mend its place in the configuration, or calibrate the geometry anew",
+        hint="correct its place in the configuration, or calibrate the geometry again",
     )
 
 

@@ -120,7 +120,7 @@ def _given(given: str | Map, size_px: tuple[int, int], device: str) -> Map:
             f"{size_px[0]} x {size_px[1]}"
             + (", counted in pixels of its pictures" if device == "camera" else ""),
             device=device,
-            hint="calibrate the geometry anew",
+            hint="calibrate the geometry again",
         )
     return found
 

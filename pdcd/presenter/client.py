@@ -238,7 +238,7 @@ class DisplayProcess:
                 raise DeviceLost(
                     f"the display process hung for {self._hang_s:g} s and was killed",
                     device="display",
-                    hint="see the X server's log; the next job starts it anew",
+                    hint="see the X server's log; the next job starts another",
                 )
             if not asked_to_stop:
                 done = min(max(0, shown - _LEAD_IN), count - _LEAD_IN - 1)
@@ -284,7 +284,7 @@ class DisplayProcess:
             self.kill()
             raise _lost(
                 f"the display process did not answer within {within_s:g} s and was killed",
-                hint="see the X server's log; the next job starts it anew",
+                hint="see the X server's log; the next job starts another",
             ) from None
         except BaseException:
             self.kill()
@@ -303,5 +303,5 @@ class DisplayProcess:
         self.kill()
         return _lost(
             f"the display process {how}",
-            hint="see the log and the X server's; the next job starts it anew",
+            hint="see the log and the X server's; the next job starts another",
         )

@@ -104,7 +104,7 @@ class Places:
                 f"the outputs have changed: {self._describe(self._pair, now)} "
                 f"became {self._describe(now, self._pair)}",
                 device="display",
-                hint="restore the modes; the next job opens the panels anew",
+                hint="restore the modes; the next job opens the panels again",
             )
 
     def _levels(self, pair: OutputPair) -> list[Finding]:

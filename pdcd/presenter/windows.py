@@ -138,7 +138,7 @@ class PanelWindows:
                 raise DeviceLost(
                     f"the graphics card reports {error}",
                     device="display",
-                    hint="see the kernel's log; the windows are opened anew by the next job",
+                    hint="see the kernel's log; the next job opens the windows again",
                 )
 
     def close(self) -> None:

@@ -65,7 +65,7 @@ class MaskAlignment:
                 f"offset {self.e95_px:.3g} px, blur {self.blur_px:.3g} px and mask pixels of "
                 f"{self.mask_px:.3g} px tell no cell size",
                 device="mask",
-                hint="calibrate the registration anew",
+                hint="calibrate the registration again",
             )
 
     @property

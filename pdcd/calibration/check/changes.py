@@ -111,7 +111,7 @@ def compare_snapshots(
         _lamp_finding(lamp, lamp_sigma, uneven),
         _graded(
             "mask.contrast", closed, "", (_GOOD_CLOSED, _REFIT_CLOSED),
-            "the closed mask lets another share of the light through: look at the polarisers' "
+            "the closed mask lets a different share of the light through: check the polarisers' "
             "angles, and calibrate the light",
         ),
         _settings(now.settings, then.settings),
@@ -152,7 +152,7 @@ def measure_closed_mask(
         raise CalibrationError(
             "no part of the mask is closed in the photo of its dots",
             device="mask",
-            hint="look whether the mask shows bright dots on black",
+            hint="check that the mask shows bright dots on black",
         )
     light = float(white[away].sum())
     return float(dots[away].sum()) / light, float(np.sqrt(variance[away].sum())) / light
@@ -162,10 +162,10 @@ def _refuse_few(found: int, then: int, device: str) -> None:
     """Raise CalibrationError where too few of the reference's dots are there."""
     if found < max(_FEWEST_DOTS, _LEAST_DOTS * then):
         raise CalibrationError(
-            f"only {found} of {then} dots of the {device} are found again",
+            f"only {found} of {then} dots of the {device} were found again",
             device=device,
-            hint="clear the field, check that the panel shows its dots and all is in focus; "
-            "else calibrate the geometry anew",
+            hint="clear the field, and check that the panel shows its dots and that all is in "
+            "focus; if so, calibrate the geometry again",
         )
 
 
@@ -182,9 +182,9 @@ def _lamp(now: BenchSnapshot, then: BenchSnapshot) -> tuple[float, float, float]
     lamp = float(np.median(ratio))
     if not lamp > _LEAST_WHITE:
         raise CalibrationError(
-            f"there is next to no light: {max(lamp, 0.0):.1%} of the reference's",
+            f"there is almost no light: {max(lamp, 0.0):.1%} of the reference's",
             device="camera",
-            hint="take the lens cap off, switch the lamp on, and look whether the shutter opens",
+            hint="take the lens cap off, switch the lamp on, and check that the shutter opens",
         )
     spread = 1.4826 * float(np.median(np.abs(ratio - lamp))) / lamp
     return lamp, spread, 1.2533 * spread * lamp / float(np.sqrt(ratio.size))
@@ -212,7 +212,7 @@ def _place(
 ) -> CheckFinding:
     """The verdict on a movement, in projector pixels at the worst corner."""
     finding = _graded(
-        name, moved, "px", (_GOOD_PX, max(refit, _GOOD_PX)), f"{culprit}: look at its mount"
+        name, moved, "px", (_GOOD_PX, max(refit, _GOOD_PX)), f"{culprit}: check the mount"
     )
     if unlike <= _UNLIKE_PX:
         return finding
@@ -225,7 +225,7 @@ def _place(
         Verdict.BAD,
     )
     return CheckFinding(
-        figure, f"calibrate the geometry anew: {culprit}, by more than a shift and a turn, or bent"
+        figure, f"calibrate the geometry again: {culprit}, by more than a shift and a turn, or bent"
     )
 
 
@@ -234,7 +234,7 @@ def _lag(lag: tuple[float, float], refresh_s: float, *, moved: bool) -> CheckFin
     known = bool(np.isfinite(lag[0]))
     if moved and not known:
         figure = MeasuredFigure("mask.skew_s", *lag, "s", "known", Verdict.DOUBTFUL)
-        said = "it cannot be told while the mask lies elsewhere: check again then"
+        said = "it cannot be told while the mask is out of place: mend that, then check again"
         return CheckFinding(figure, said, sure=False)
     advice = _late(lag[0], refresh_s) if known else ""
     return _graded("mask.skew_s", lag, "s", (_GOOD_S, _REFIT_S), advice)
@@ -257,9 +257,9 @@ def _lamp_finding(lamp: float, sigma: float, uneven: float) -> CheckFinding:
         figure = MeasuredFigure(
             "lamp", lamp, sigma, "", f"even within {_UNEVEN:.0%}", Verdict.DOUBTFUL
         )
-        said = "this is not the scene of the reference: the lamp cannot be told"
+        said = "this is not the scene of the reference: nothing can be said of the lamp"
         return CheckFinding(figure, said, sure=False)
-    advice = "look at the iris and the lamp's mode, then calibrate the light"
+    advice = "check the iris and the lamp's mode, then calibrate the light"
     return _graded("lamp", (lamp - 1.0, sigma), "", (_GOOD_LAMP, _REFIT_LAMP), advice)
 
 
@@ -268,11 +268,12 @@ def _settings(now: Mapping[str, str], then: Mapping[str, str]) -> CheckFinding:
     names = sorted(now.keys() | then.keys())
     other = [name for name in names if now.get(name) != then.get(name)]
     said = "; ".join(
-        f"{name} is {now.get(name, 'not told')}, was {then.get(name, 'not told')}" for name in other
+        f"{name} is {now.get(name, 'not told')} and was {then.get(name, 'not told')}"
+        for name in other
     )
     verdict = Verdict.BAD if other else Verdict.GOOD
     figure = MeasuredFigure("settings", float(len(other)), 0.0, "", "none may differ", verdict)
-    return CheckFinding(figure, f"set them back, or calibrate anew: {said}" if other else "")
+    return CheckFinding(figure, f"set them back, or calibrate again: {said}" if other else "")
 
 
 def _graded(
@@ -286,6 +287,6 @@ def _graded(
     if not np.isfinite([value, sigma]).all():
         verdict, advice = Verdict.BAD, "it could not be measured: take the photos again"
     elif sigma > good and size < max(good, _TOLD_SIGMAS * sigma):
-        verdict, advice = Verdict.DOUBTFUL, "too noisy to be told: expose longer"
+        verdict, advice = Verdict.DOUBTFUL, "too noisy to tell: expose longer"
     figure = MeasuredFigure(name, value, sigma, unit, f"below {good:g} {unit}".rstrip(), verdict)
     return CheckFinding(figure, "" if verdict is Verdict.GOOD else advice, sure=sigma < good)

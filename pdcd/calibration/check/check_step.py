@@ -34,10 +34,11 @@ from pdcd.probing.cell_size import HALF, guard_px
 _TAKEN = "taken into account; "
 """What advice on changes that were taken into account begins with."""
 NO_LAG = (
-    "the lag of the mask was not looked at: run pdcd calibrate timing, then check for a reference"
+    "the lag of the mask was not looked at: run pdcd calibrate timing, then pdcd calibrate "
+    "check, which keeps a reference"
 )
-REFERENCE_KEPT = "this look is the reference for checks to come: nothing was compared"
-_AGAIN = "calibrate anew before the next session: what was found is more than can be allowed for"
+REFERENCE_KEPT = "this look is the reference for later checks: nothing was compared"
+_AGAIN = "calibrate again before the next session: the bench has changed too much to allow for it"
 
 
 def check_bench(session: CalibrationSession) -> StepScript:
@@ -142,6 +143,6 @@ def _draw(figure: Any, found: CheckResult, advice: list[str]) -> None:
         title = f"how the {name} moved, in projector pixels"
         fields.append(ArrowField(at, by(points) - points, title))
     draw_arrows(figure, fields, text_below=True)
-    verdict = ("as it was", "a little changed: taken into account", "changed: calibrate anew")
+    verdict = ("as it was", "a little changed: taken into account", "changed: calibrate again")
     lines = [f"the bench is {verdict[found.verdict]}; lamp {found.lamp:.1%}"]
     draw_text_lines(figure, [*lines, *(text[:118] for text in advice)])

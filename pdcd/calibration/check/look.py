@@ -182,7 +182,7 @@ def _lag(session: CalibrationSession, model: StripModel, times: PanelTimes) -> t
         raise CalibrationError(
             "the timing strips are black",
             device="display",
-            hint="look whether both panels show their strips",
+            hint="check that both panels show their strips",
         )
     return TimingFitter(model).later(times)
 

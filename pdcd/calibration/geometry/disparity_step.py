@@ -28,7 +28,8 @@ def calibrate_disparity(session: CalibrationSession) -> StepScript:
     CalibrationError on a card."""
     if session.subject == "card":
         raise CalibrationError(
-            "disparities are of a scene, and not of a card", hint="pdcd calibrate disparity --scene"
+            "disparities are measured on a scene, not on a card",
+            hint="pdcd calibrate disparity --scene",
         )
     camera, projector = session.found("camera"), session.found("projector")
     size = session.config.projector.size_px
@@ -73,7 +74,7 @@ def _advice(found: Disparities) -> tuple[str, ...]:
         return ()
     return (
         f"light leaves its row by {found.off_rows_cells:.1f} cells: set up camera and projector "
-        "side by side, and level, or give a warp in the place of disparities",
+        "side by side, and level, or give a warp in place of disparities",
     )
 
 

@@ -59,7 +59,7 @@ class DotGrid:
             raise CalibrationError(
                 f"{size_px[0]} x {size_px[1]} pixels of the {panel} are too few for its dots",
                 device=panel,
-                hint=f"{width} x {height} are needed; of a mock bench, set {panel}.size_px",
+                hint=f"{width} x {height} are needed; for a mock bench, set {panel}.size_px",
             )
         return cls(panel, size_px, pitch, float(round(pitch / PER_RADIUS)))
 

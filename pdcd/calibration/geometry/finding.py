@@ -261,11 +261,11 @@ def _told_apart(
     if not place.sure:
         _check_swapped(cells, grid, other)
         apart = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
-        hint = "hold a flat matt card there, wholly lit, and see that nothing scales the picture"
+        hint = "hold a flat matt card there, fully lit, and see that nothing scales the picture"
         if apart < _TELLING_QUADS:
-            hint = f"they lie {apart:.1f} pixels apart: let the field fill the camera's frame"
+            hint = f"the dots lie {apart:.1f} pixels apart: let the field fill the camera's frame"
         raise _untrusted(
-            f"dots were found, but not which is which: they agree by {place.score:.0%} with the "
+            f"dots were found, but cannot be told apart: they agree by {place.score:.0%} with the "
             f"{grid.panel}'s code",
             grid,
             hint,
@@ -323,7 +323,7 @@ def _trusted(
     even = _unevenness(ratio.light, points, radius) < _TEXTURE
     if even.mean() < 1.0 - most:
         raise _untrusted(
-            f"the texture is too strong: {1.0 - even.mean():.0%} of the dots lie on edges of it",
+            f"the texture is too strong: {1.0 - even.mean():.0%} of the dots lie on its edges",
             grid,
             "put a flat matt card there, or calibrate on the scene: --scene",
         )

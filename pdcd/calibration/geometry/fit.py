@@ -364,5 +364,5 @@ def _sound(map_: Map, device: str) -> Map:
         raise CalibrationError(
             f"{err.message}; points that far apart belong to no flat picture",
             device=device,
-            hint="put a flat matt card there, wholly lit, and see that nothing moves meanwhile",
+            hint="put a flat matt card there, fully lit, and see that nothing moves meanwhile",
         ) from err

@@ -45,7 +45,7 @@ def find_panel_light(white: QuadPhoto, black: QuadPhoto, panel: str) -> Bools:
         raise _untrusted(
             "the photos have numbers that are not finite, or differ in size",
             panel,
-            "take them again, all with one setting of the camera",
+            "take them again, all with the same camera settings",
         )
     noise = np.sqrt(white.main_variance[::_STEP, ::_STEP] + black.main_variance[::_STEP, ::_STEP])
     light = values[0] - values[1]
@@ -58,7 +58,7 @@ def find_panel_light(white: QuadPhoto, black: QuadPhoto, panel: str) -> Bools:
         raise _untrusted(
             f"the {panel}'s light is too dim: {snr:.1f} times the noise of a pixel",
             panel,
-            "expose longer, open the lens, or raise the ISO",
+            "expose longer, open the aperture, or raise the ISO",
         )
     if share < _LEAST_LIT:
         raise _untrusted(
@@ -92,10 +92,10 @@ def _check_light(white: Floats, light: Floats, noise: Floats, panel: str) -> Non
         raise _untrusted(
             f"the {panel}'s light is too dim to tell white from black in one pixel",
             panel,
-            "expose longer, open the lens, or raise the ISO",
+            "expose longer, open the aperture, or raise the ISO",
         )
     raise _untrusted(
-        f"the {panel} looks the same white and black",
+        f"the {panel} looks the same when it shows white and black",
         panel,
         "see that it is on and its cable is that of the configured output: pdcd doctor display",
     )
@@ -107,7 +107,7 @@ def _check_saturated(white: QuadPhoto, panel: str) -> None:
         raise _untrusted(
             f"{share:.1%} of the photo is saturated",
             panel,
-            "expose shorter, close the lens, or lower the ISO",
+            "shorten the exposure, close the aperture, or lower the ISO",
         )
 
 

@@ -133,10 +133,10 @@ def check_orientation(found: Map, believed: Map, panel: str, other: Map | None =
         what = "turned by a quarter"
     if what:
         raise CalibrationError(
-            f"the {panel} is seen {what}, unlike what [{panel}.place] says",
+            f"the {panel} is seen {what}, which is not what [{panel}.place] says",
             device=panel,
-            hint=f"mend flip and turn_deg in [{panel}.place], or the mount; see that its output "
-            "is not rotated by the desktop, and the outputs are not swapped",
+            hint=f"correct flip and turn_deg in [{panel}.place], or the mount; see that the "
+            "desktop does not rotate its output, and that the outputs are not swapped",
         )
 
 
@@ -161,10 +161,10 @@ def check_fitted_map(fitted: FittedMap, panel: str, subject: SubjectName = "card
     worst = float(np.percentile(left, 95.0))
     if 1.0 - inliers > _REFUSED * (1.0 - _INLIERS[subject]) or np.median(left) > _REFUSED * _MAD_PX:
         raise CalibrationError(
-            f"no smooth map fits: {1.0 - inliers:.0%} of the points lie elsewhere, the others "
-            f"{np.median(left):.2f} pixels beside it, 5 % more than {worst:.2f}",
+            f"no smooth map fits: {1.0 - inliers:.0%} of the points lie elsewhere; the others "
+            f"are {np.median(left):.2f} pixels off, 5 % of them more than {worst:.2f}",
             device=panel,
-            hint="hold a flat matt card still, without texture; see that keystone, scaler and "
+            hint="hold a flat matt card without texture still; see that keystone, scaler and "
             "overscan are off",
         )
     return fitted

@@ -83,8 +83,8 @@ def find_shared_field(
         )
     if grid is not None and (fitted := fit_whole_cells(box, grid)) != box:
         told.append(
-            f"the field is {fitted[2]} x {fitted[3]} pixels and not {box[2]} x {box[3]}, so that "
-            f"its {grid[0]} x {grid[1]} cells are of whole pixels"
+            f"the field is {fitted[2]} x {fitted[3]} pixels, not {box[2]} x {box[3]}, so that "
+            f"its {grid[0]} x {grid[1]} cells are made of whole pixels"
         )
         box = fitted
     return SharedField(box, share, tuple(told))

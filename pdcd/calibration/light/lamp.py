@@ -67,7 +67,7 @@ def measure_lamp(times_s: Floats, levels: Floats, noise: float = 0.0) -> Lamp:
     times_s, levels = np.asarray(times_s, np.float64), np.asarray(levels, np.float64)
     if levels.size < _LEAST_PHOTOS or np.ptp(times_s) <= 0.0:
         raise CalibrationError(
-            f"{levels.size} photos do not tell a lamp's drift",
+            f"{levels.size} photos are too few to tell a lamp's drift",
             device="projector",
             hint=f"take {_LEAST_PHOTOS} or more, one after the other",
         )

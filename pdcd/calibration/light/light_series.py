@@ -213,10 +213,10 @@ class LightSeries:
             if min(first, again) < 0.2 * larger:
                 dark = name if first < again else f"{name}-again"
                 raise CalibrationError(
-                    f"photo {dark} is dark, the other one of the same light is not: the shutter "
-                    "did not open, or a light was switched",
+                    f"photo {dark} is dark, but the other one of the same light is not: the "
+                    "shutter did not open, or a light was switched",
                     device="shutter",
-                    hint="look at the shutter's lag and its cable, and repeat the step",
+                    hint="check the shutter's lag and its cable, and repeat the step",
                 )
             change = 100.0 * (again / first - 1.0)
             if what == "room":
@@ -247,7 +247,7 @@ class LightSeries:
                 "with the projector covered there is more light than with its black",
                 device="camera",
                 hint="the room's light changed, or a hand reflects it: cover the projector's lens "
-                "with its cap, leave, and repeat the step",
+                "with its cap, step away, and repeat the step",
             )
 
     def refuse_room(self, share: float) -> None:
@@ -255,7 +255,7 @@ class LightSeries:
         if share > ROOM_MOST:
             raise CalibrationError(
                 f"without the projector's white there is {100.0 * share:.0f} % of its light: the "
-                "room lights are on, or its black is not black",
+                "room lights are on, or its black is too bright",
                 device="camera",
                 hint=_ROOM + "; see that the projector's picture is not inverted",
             )

@@ -199,7 +199,9 @@ def _outcome(
         if f.verdict is not Verdict.GOOD
     ]
     if number is None:
-        advice.append("the lens does not tell its f-number: set camera.f_number to what it says")
+        advice.append(
+            "the lens does not report its f-number: set camera.f_number to what its ring says"
+        )
     else:
         value, sigma = compute_responsivity(
             found,

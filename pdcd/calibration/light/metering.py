@@ -81,7 +81,7 @@ def meter_light(session: CalibrationSession) -> StepScript:
         raise CalibrationError(
             f"white light fills the sensor after {session.full} refreshes; {LEAST} are needed",
             device="camera",
-            hint="close the lens, lower the ISO, or put a grey filter before it",
+            hint="close the lens, lower the ISO, or put a grey filter in front of it",
         )
     verdict = Verdict.GOOD if session.full <= MOST_WHITE_REFRESHES else Verdict.DOUBTFUL
     session.full = min(session.full, MOST_WHITE_REFRESHES)

@@ -67,7 +67,7 @@ def measure_stripe_depth(photo: QuadPhoto, period_quads: float) -> StripeDepth:
         raise CalibrationError(
             "there is no light in the photo",
             device="camera",
-            hint="take the lens cap off, switch the lamp on, and look whether the shutter opens",
+            hint="take the lens cap off, switch the lamp on, and check that the shutter opens",
         )
     if photo.saturated is not None and np.mean(photo.saturated) > 0.001:
         raise CalibrationError(

@@ -211,13 +211,15 @@ def _advice(
 ) -> tuple[str, ...]:
     said = []
     if before.e95_px > _TRUSTED_PX:
-        said.append("the maps of geometry were far off: repeat geometry, then registration")
+        said.append(
+            "the maps of the geometry step were far off: repeat geometry, then registration"
+        )
     if meeting.e95_px > _GOOD_PX:
         said.append("the offset moves while it is measured: let the bench warm up, and repeat")
     if spread.worst_px > max(_UNEVEN * spread.both_px, _UNEVEN_PX):
         said.append(
             f"blur on the mask is {spread.worst_px:.2f} px in one part of the field, "
-            f"{spread.both_px:.2f} px over all of it: look whether the mask or the card is tilted"
+            f"{spread.both_px:.2f} px over all of it: check whether the mask or the card is tilted"
         )
     smallest = smallest_cell_px(meeting)
     if smallest > code_cell_px(config):

@@ -51,7 +51,7 @@ def find_lit_quads(white: Floats, variance: Floats) -> Bools:
         raise CalibrationError(
             "there is no light: the photo with both panels white is black",
             device="camera",
-            hint="take the lens cap off, switch the lamp on, and look whether the shutter opens",
+            hint="take the lens cap off, switch the lamp on, and check that the shutter opens",
         )
     return bright
 
@@ -104,7 +104,7 @@ def check_stripe_contrast(share: Floats, first: _Complex, sigma: Floats) -> None
         raise CalibrationError(
             "the photos of stripes are black",
             device="mask",
-            hint="look whether the mask opens, both panels show their picture, and the exposure is "
+            hint="check that the mask opens, both panels show their picture, and the exposure is "
             "that of the white photo",
         )
     depth = 2.0 * np.abs(first) / np.maximum(mean, 1e-12)
@@ -113,13 +113,13 @@ def check_stripe_contrast(share: Floats, first: _Complex, sigma: Floats) -> None
         return
     if level > 0.4:
         cause, device = "one of the panels shows no stripes", "display"
-        hint = "`pdcd show` says what each output shows: look at both panels"
+        hint = "put a picture on each output (pdcd show), and look at both panels"
     else:
         cause = f"the stripes do not modulate ({np.median(depth):.2f}, at least {_LEAST_DEPTH})"
         device = "mask"
         hint = (
             "focus the scene on the mask and the projector on the scene; "
-            "if both are sharp, calibrate the geometry anew"
+            "if both are sharp, calibrate the geometry again"
         )
     raise CalibrationError(cause, device=device, hint=hint)
 
@@ -146,13 +146,13 @@ def check_stripe_direction(
         raise CalibrationError(
             "the mask's stripes run the wrong way: it is mirrored or upside down",
             device="mask",
-            hint="set mask.place.flip or turn_deg, or calibrate the geometry anew",
+            hint="set mask.place.flip or turn_deg, or calibrate the geometry again",
         )
     if along < _FOLLOWED * float(np.median(np.abs(first))):
         raise CalibrationError(
             "the mask's stripes are not where the maps have them",
             device="mask",
-            hint="calibrate the geometry first; look whether the camera is focused on the mask",
+            hint="calibrate the geometry first; check that the camera is focused on the mask",
         )
 
 

@@ -375,7 +375,7 @@ def _refuse_black(mean: Floats) -> None:
         raise CalibrationError(
             f"black strips have {100.0 * share:.0f} % of the light of white ones",
             device="camera",
-            hint="switch the room lights off; see that the panel's black is black",
+            hint="switch the room lights off; see that the panel's black is dark",
         )
 
 

@@ -98,7 +98,9 @@ def _advice(found: GreyResponse) -> tuple[str, ...]:
             "see that picture modes are off"
         )
     if max(found.channel_gammas) - min(found.channel_gammas) > _COLOURED:
-        told.append(f"grey of the {found.panel} is coloured: take its colour temperature as native")
+        told.append(
+            f"greys of the {found.panel} are coloured: set its colour temperature to native"
+        )
     return tuple(told)
 
 

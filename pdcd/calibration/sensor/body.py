@@ -369,7 +369,7 @@ def _refuse_room(base: _Planes, lines: tuple[DoseLine, ...]) -> None:
         share = float(np.median(base[plane])) / line.highest_dn
         if share > _ROOM_SHARE:
             raise CalibrationError(
-                f"without the projector plane {_NAMES[len(lines)][plane]} is at "
+                f"without the projector, plane {_NAMES[len(lines)][plane]} is at "
                 f"{100.0 * share:.0f} % of "
                 "saturation",
                 device="camera",

@@ -106,7 +106,7 @@ def _refuse_missing(plane: str, doses: Floats, signal: Floats, slope: float) -> 
                 f"plane {plane}: the photo of {dose:.0f} refreshes lacks light, {seen:.3g} DN of "
                 f"{due:.3g}: the shutter did not open, or not for all of them",
                 device="shutter",
-                hint="look at the shutter's lag and its cable, and repeat the step",
+                hint="check the shutter's lag and its cable, and repeat the step",
             )
 
 

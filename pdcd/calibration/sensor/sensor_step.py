@@ -147,16 +147,19 @@ def _advice(body: SensorMeasurement) -> tuple[str, ...]:
         if figure.verdict is Verdict.GOOD:
             continue
         if figure.name.endswith("saturation_dn"):
-            found.append("no dose saturated the sensor: its upper end is still a number of a table")
+            found.append("no dose saturated the sensor: its upper end is still taken from a table")
         elif figure.name.endswith("linearity"):
             found.append(
-                "light does not go with the number of refreshes: let the lamp warm up, switch eco "
-                "mode and dynamic contrast off, then see that the camera's RAW is not compressed"
+                "light is not proportional to the number of refreshes: let the lamp warm up, "
+                "switch eco mode and dynamic contrast off, then see that the camera's RAW is not "
+                "compressed"
             )
         elif figure.name.endswith("read_noise_e"):
-            found.append("rounding hides the read noise: take a higher ISO to know it")
+            found.append("rounding hides the read noise: use a higher ISO to measure it")
         else:
-            found.append("the colours differ in gain: switch off what the camera does to its RAW")
+            found.append(
+                "the colours differ in gain: switch off whatever the camera does to its RAW files"
+            )
     return tuple(found)
 
 

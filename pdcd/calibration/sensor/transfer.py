@@ -197,7 +197,7 @@ def fit_photon_transfer(
         raise CalibrationError(
             f"plane {plane}: photos of the same light are equal to the last digit: no noise",
             device="camera",
-            hint='of a mock bench set camera.noise = "full"; see that two photos were taken',
+            hint='for a mock bench, set camera.noise = "full"; see that two photos were taken',
         )
     (dark_dn2, slope), covariance, chi2 = _line(plane, mean, variance, samples, good)
     level = max(float(np.median(pair.mean[pair.samples > 0])) for pair in lit)

@@ -132,7 +132,7 @@ def _over_white(
         raise CalibrationError(
             "the white photo is dark where the bar runs",
             device="camera",
-            hint="take off the lens cap, switch the projector on, and put the card before it",
+            hint="take off the lens cap, switch the projector on, and put the card in front of it",
         )
     value = light / full
     return value, np.sqrt(var + value**2 * full_var) / full, beside / full
@@ -142,7 +142,8 @@ def _unseen(what: str) -> CalibrationError:
     return CalibrationError(
         what,
         device="camera",
-        hint="the camera must see all of the field, the card cover it; use fewer bands or cells",
+        hint="the camera must see all of the field, and the card must cover it; or use fewer "
+        "bands or cells",
     )
 
 

@@ -127,8 +127,8 @@ def fit_shutter(
     worst = float(chi2.max())
     if worst > _CHI2:
         raise CalibrationError(
-            f"no opening and closing explain the bar (reduced chi^2 {worst:.0f}, wanted below "
-            f"{_CHI2:g})",
+            f"no times of opening and closing explain the bar (reduced chi^2 {worst:.0f}, wanted "
+            f"below {_CHI2:g})",
             device="shutter",
             hint="measure the projector's rise and fall first; see that no refresh was lost, and "
             "that room lights are off",
@@ -263,7 +263,8 @@ def _check_runs(light: BarLight) -> None:
         raise CalibrationError(
             "the bar does not show: all cells are equally bright",
             device="shutter",
-            hint="the projector must show the bar 1:1, and an exposure not last whole cycles of it",
+            hint="the projector must show the bar 1:1, and an exposure must not last whole "
+            "cycles of it",
         )
 
 

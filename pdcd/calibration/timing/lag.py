@@ -199,7 +199,8 @@ def find_coarse_delay(reading: StripReadings) -> int:
     best = int(np.argmax(net))
     if net[best] < PEAK:
         raise CalibrationError(
-            f"at no delay of the mask more than {100.0 * net[best]:.1f} % of light gets through",
+            f"at no delay of the mask does more than {100.0 * net[best]:.1f} % of the light get "
+            "through",
             device="display",
             hint="both panels must be 1:1, and show what they are sent at every refresh",
         )

@@ -169,7 +169,7 @@ def _check_white(full: Floats, var: Floats, quads: NDArray[np.int64], across: in
         raise CalibrationError(
             "the camera sees nothing of the field",
             device="camera",
-            hint="run the geometry step first; with it done, use fewer bands",
+            hint="run the geometry step first; if that was done, use fewer bands",
         )
     mean = full / np.maximum(quads, 1)
     bright = seen & (full > _FAINTEST_SIGMAS * np.sqrt(np.maximum(var, 0.0)))
@@ -177,7 +177,7 @@ def _check_white(full: Floats, var: Floats, quads: NDArray[np.int64], across: in
         raise CalibrationError(
             "the white photo is dark",
             device="camera",
-            hint="take off the lens cap, switch the projector on, and put the card before it",
+            hint="take off the lens cap, switch the projector on, and put the card in front of it",
         )
     lit = bright & (mean > _DARK * np.median(mean[bright]))
     if not lit.all():
@@ -186,7 +186,7 @@ def _check_white(full: Floats, var: Floats, quads: NDArray[np.int64], across: in
             f"{np.count_nonzero(~lit)} of {lit.size} parts of the field have no light in the white "
             f"photo ({columns} of {across} strips in none of their rows)",
             device="camera",
-            hint="the card must cover the whole field, and the camera see all of it",
+            hint="the card must cover the whole field, and the camera must see all of it",
         )
 
 

@@ -59,7 +59,11 @@ def explain_misfit(readings: Sequence[StripReadings], found: FittedTiming) -> tu
         ),
         (by_place, "nothing may move between the photos, and the maps must fit: run geometry"),
         (float(found.chi2 > _FAR), _ASTRAY),
-        (by_kind, "switch off overdrive and frame interpolation: a panel answers in another way"),
+        (
+            by_kind,
+            "switch off overdrive and frame interpolation: a panel does not rise and fall "
+            "as it should",
+        ),
     ]
     causes.sort(key=lambda cause: -cause[0])
     return tuple(text for weight, text in causes if weight > _SURELY)
@@ -141,5 +145,5 @@ def make_room_light_error(share: float) -> CalibrationError:
     return CalibrationError(
         f"black strips have {100.0 * share:.0f} % of the light of white ones",
         device="camera",
-        hint="switch the room lights off, and cover what glares",
+        hint="switch the room lights off, and cover whatever glares",
     )

@@ -161,7 +161,7 @@ class TimingFitter:
             raise CalibrationError(
                 f"no lag explains the timing strips ({chi:.0f} times their noise)",
                 device="display",
-                hint="calibrate the timing anew",
+                hint="calibrate the timing again",
             )
         spread = max(1.0, float(np.sqrt(np.mean(left**2))))
         sigma = spread * float(np.sqrt(np.linalg.inv(solved.jac.T @ solved.jac)[0, 0]))

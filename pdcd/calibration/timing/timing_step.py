@@ -160,7 +160,8 @@ def _coarse(
             return delay, white
         if number:
             raise CalibrationError(
-                f"the mask was {-delay} refreshes late, and is {-more} more with these taken out",
+                f"the mask was {-delay} refreshes late, and is {-more} later still with these "
+                "taken out",
                 device="display",
                 hint="the delay between the panels changes from photo to photo: switch off frame "
                 "interpolation and variable refresh rates, and start both outputs together",
@@ -211,7 +212,7 @@ def _outcome(
         advice.append(
             f"the mask's pictures have to be sent {abs(refreshes)} refreshes "
             f"{'later' if refreshes > 0 else 'earlier'}: display.mask_delay_refreshes is set to "
-            f"{refreshes}, and holds from the next start on"
+            f"{refreshes}, which takes effect at the next start"
         )
     delay = MeasuredFigure("display.mask_delay_refreshes", float(refreshes), 0.0, "", "-60 to 60")
     return StepOutcome(
@@ -281,8 +282,8 @@ def _advice(found: MeasuredTiming, refresh_s: float) -> list[str]:
     if found.tail is not None:
         panel = "mask" if found.tail.mask else "projector"
         advice.append(
-            f"{100.0 * found.tail.share:.0f} % of the {panel}'s light answers "
-            f"{found.tail.slower:.1f} times as slowly, which the configuration has no word for: "
+            f"{100.0 * found.tail.share:.0f} % of the {panel}'s light follows "
+            f"{found.tail.slower:.1f} times as slowly, which the configuration cannot express: "
             "switch off overdrive and dynamic modes"
         )
     return advice

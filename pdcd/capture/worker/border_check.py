@@ -35,8 +35,8 @@ def photograph_borders(
         taken = yield from orders.look(wanted)
         if isinstance(taken, SpoiltPhoto):
             orders.note(
-                "no photo of the light along the borders of cells, which is worked out from the "
-                f"pixels around and errs by more: {taken.message}"
+                "there is no photo of the light along the borders of cells: it is worked out from "
+                f"the pixels around, with a larger error ({taken.message})"
             )
             return None
         orders.note(MeterRecord(raw=taken.raw, f_number=f_number, peak=None))

@@ -84,7 +84,7 @@ class Orders:
         has to say what follows from one that was spoilt. Raises PdcdError for no answer."""
         taken = yield from self.expose(wanted)
         if not isinstance(taken, AuxiliaryPhoto | SpoiltPhoto):
-            raise PdcdError(f"photo {wanted.name} came as none")
+            raise PdcdError(f"photo {wanted.name} was asked for, and something else came")
         return taken
 
     def end(self) -> Order:
@@ -258,8 +258,8 @@ class Exposer:
             sigma = compute_light_sigma(stop_of(own.f_number, measured), stop)
             self.stops = (*self.stops, msgspec.structs.replace(stop, sigma=sigma))
             self.orders.note(
-                f"{takes}: it has too little light to compare the two; pictures go by what is "
-                f"known of them, to {100.0 * sigma:.2g} %"
+                f"{takes}: there is too little light to compare the two; pictures rely on what is "
+                f"known of both, to {100.0 * sigma:.2g} %"
             )
             return
         ratio, sigma = compared

@@ -100,7 +100,7 @@ CHANGES = (
     Change("mask 1 ms later", {"skew_s": 1e-3}, {"mask.skew_s": _BAD}, "calibrate the timing"),
     Change("mask a refresh later", {"skew_s": T_S}, {"mask.skew_s": _BAD}, "+1 refresh(es) later"),
     Change("camera bumped", {"camera_px": 6.0}, {"camera.place": _BAD}, "the camera was bumped"),
-    Change("another ISO", {"iso": 100}, {"settings": _BAD}, "iso is 200, was 100"),
+    Change("another ISO", {"iso": 100}, {"settings": _BAD}, "iso is 200 and was 100"),
 )
 
 

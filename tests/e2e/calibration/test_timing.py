@@ -159,7 +159,7 @@ def test_timing_wants_maps(tmp_path: Path) -> None:
     for step in ("timing", "shutter"):
         result, found = calibrated(bench(tmp_path, "", placed=False), step)
         assert result.error is not None
-        assert "was not measured yet" in str(result.error["message"])
+        assert "has not been measured yet" in str(result.error["message"])
         assert "geometry" in str(result.error["hint"])
         assert found.mask.skew_s == 0.0
 

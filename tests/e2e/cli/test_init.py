@@ -140,7 +140,7 @@ def test_what_cannot_be_seen_is_asked(
     assert "plug in a camera" in printed.out
     monkeypatch.setattr("sys.stdin", Terminal())
     assert main(["init"]) == 2
-    assert "say --yes" in capsys.readouterr().err
+    assert "give --yes" in capsys.readouterr().err
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     assert main(["init", "--out", str(tmp_path / "none")]) == 2
     assert not (tmp_path / "none").exists()

@@ -185,7 +185,7 @@ BAD, REFIT = Verdict.BAD, Verdict.DOUBTFUL
             {"camera.place": BAD},
             "the camera was bumped",
         ),
-        (lambda b: replace(b, iso="200"), {"settings": BAD}, "iso is 200, was 100"),
+        (lambda b: replace(b, iso="200"), {"settings": BAD}, "iso is 200 and was 100"),
     ],
 )
 def test_every_change_is_found_and_no_other(
@@ -230,7 +230,7 @@ def test_photos_that_say_nothing_are_refused() -> None:
     now = BENCH.look(3)
     few = replace(now.mask, count=40)
     bad = [
-        (replace(now, white=0.01 * now.white), "next to no light"),
+        (replace(now, white=0.01 * now.white), "almost no light"),
         (replace(now, saturated=0.2), "saturated"),
         (replace(now, mask=few), "dots of the mask"),
     ]

@@ -120,7 +120,7 @@ def photos() -> list[QuadPhoto]:
 
 def test_pictures_that_were_not_shown_are_named() -> None:
     white, black, dots = photos()
-    with pytest.raises(CalibrationError, match="looks the same white and black"):
+    with pytest.raises(CalibrationError, match="looks the same when it shows white and black"):
         find_dots(white, replace(white, light=white.light + 1.0), dots, GRID)
     with pytest.raises(CalibrationError, match="photo of dots is black"):
         find_dots(white, black, black, GRID)
@@ -128,7 +128,7 @@ def test_pictures_that_were_not_shown_are_named() -> None:
         find_dots(white, black, white, GRID)
     plain = replace(white, light=white.light.copy())
     plain.light[..., :] = np.median(white.light)
-    with pytest.raises(CalibrationError, match="not which is which"):
+    with pytest.raises(CalibrationError, match="cannot be told apart"):
         find_dots(plain, black, dots, GRID)
 
 

@@ -109,7 +109,7 @@ def test_a_scene_needs_eight_stripes_by_the_maps_in_use() -> None:
 
 
 def test_maps_that_were_never_measured_are_asked_for() -> None:
-    with pytest.raises(CalibrationError, match="lies was not measured"):
+    with pytest.raises(CalibrationError, match="lies has not been measured"):
         seen_by(scene(), subject="scene", marks="phase")
     assert choose_marks(session_of()) == "dots"
     on_scene = session_of()

@@ -32,8 +32,8 @@ def test_drift_is_the_slope_and_flicker_what_is_left() -> None:
 @pytest.mark.parametrize(
     ("times", "levels", "words", "device"),
     [
-        (TIMES[:4], np.ones(4), "4 photos do not tell", "projector"),
-        (np.full(5, 3.0), np.ones(5), "5 photos do not tell", "projector"),
+        (TIMES[:4], np.ones(4), "4 photos are too few", "projector"),
+        (np.full(5, 3.0), np.ones(5), "5 photos are too few", "projector"),
         (TIMES, np.array([1.0, 1.0, 1.0, 1.0, 0.29]), "photo 5 of the series is dark", "shutter"),
         (TIMES, 1.0 + 0.0141 * ZIGZAG, "flickers by 3", "projector"),
         (TIMES, 1.0 + 0.16 / 40.0 * (TIMES - 20.0), r"changed by \+16 % in 40 s", "projector"),

@@ -145,7 +145,7 @@ def test_a_black_that_cannot_be_seen_is_only_bounded() -> None:
         ({"scale": 0.002}, "too dim"),
         ({"mask": 2.0, "scale": 0.1}, "mask does not block"),
         ({"mask": 3.3}, "WB is saturated.*does not block"),
-        ({"projector": 3.0, "scale": 0.2}, "its black is not black"),
+        ({"projector": 3.0, "scale": 0.2}, "its black is too bright"),
     ],
 )
 def test_bad_input_has_a_named_cause(bench: dict[str, object], words: str) -> None:

@@ -75,7 +75,7 @@ def test_dark_photos_are_the_lamp_s_or_the_shutter_s() -> None:
     with pytest.raises(CalibrationError, match="no photo shows any light") as caught:
         check_brightness({"a": 1.0, "b": 0.5}, 1.0)
     assert caught.value.device == "camera" and "lens cap" in str(caught.value.hint)
-    with pytest.raises(CalibrationError, match="photo a is dark, others") as caught:
+    with pytest.raises(CalibrationError, match="photo a is dark, but others") as caught:
         check_brightness({"c": 2.0, "b": 0.5, "a": 0.9}, 1.0)
     assert caught.value.device == "shutter" and "cable" in str(caught.value.hint)
 

@@ -51,7 +51,7 @@ def test_what_the_display_does_not_know_yet_is_sent_by_the_photo() -> None:
 
 @pytest.mark.parametrize("device", ["projector", "mask", "camera"])
 def test_where_a_device_lies_must_have_been_measured(device: str) -> None:
-    with pytest.raises(CalibrationError, match=f"where the {device} lies was not") as caught:
+    with pytest.raises(CalibrationError, match=f"where the {device} lies has not been") as caught:
         session_of().found(device)
     assert caught.value.device == device and "geometry" in str(caught.value.hint)
     named = session_of(config(mask={"place": Placing(turn_deg=1.0)}))

@@ -136,7 +136,7 @@ def test_cells_of_whole_pixels_are_worth_a_fiftieth() -> None:
     )  # fmt: skip
     assert found.box == (2, 0, 252, 192)
     assert found.advice == (
-        "the field is 252 x 192 pixels and not 255 x 192, so that its 24 x 36 cells are of whole "
+        "the field is 252 x 192 pixels, not 255 x 192, so that its 24 x 36 cells are made of whole "
         "pixels",
     )
 

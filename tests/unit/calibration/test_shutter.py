@@ -138,7 +138,7 @@ def test_light_of_the_room_moves_neither(glow: float) -> None:
     assert got.closed_s == pytest.approx(camera.closed_s, abs=0.15e-3)
     assert got.chi2 < 2.0
     blind = read_bar(camera.photo(BAR), camera.white(), CAMERA)
-    with pytest.raises(CalibrationError, match="no opening and closing explain the bar"):
+    with pytest.raises(CalibrationError, match="no times of opening and closing explain the bar"):
         fit_shutter(blind, log(BAR.refreshes), (5.2, 5.7), TAUS)
 
 
@@ -198,7 +198,7 @@ def test_lag_and_jitter_of_several_exposures() -> None:
         ({"electrons": 1e6}, "saturated"),
         ({"stray": 20.0, "electrons": 500.0}, "all cells are equally bright"),
         ({"opened_s": 4.98}, "opened while the bar did not run"),
-        ({"flat": 0.2}, "no opening and closing explain"),
+        ({"flat": 0.2}, "no times of opening and closing explain"),
     ],
 )
 def test_bad_photos_end_in_a_named_cause(fault: dict[str, float], told: str) -> None:

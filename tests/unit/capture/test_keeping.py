@@ -97,7 +97,7 @@ def test_a_new_outcome_makes_values_of_other_steps_untrue(tmp_path: Path) -> Non
     keeper._carry_over(found, tmp_path)
     assert found.keys() == said.keys() - {"rig.misregistration_px"}
     assert "pdcd calibrate registration" in keeper.stale["rig.misregistration_px"]
-    # Not where it was measured anew after that, nor where the geometry is bad itself.
+    # Not where it was measured again after that, nor where the geometry is bad itself.
     found = {"rig.misregistration_px": entry(2.0)}
     keeper._carry_over(found, tmp_path)
     assert found.keys() == said.keys() and not keeper.stale

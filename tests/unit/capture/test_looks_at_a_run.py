@@ -123,7 +123,7 @@ def test_an_old_calibration_is_to_be_checked_or_made_again(
     assert len(found) == count
     if check != "never" and count:
         assert found[-1] == (
-            f"the bench was not checked for {24.0 * days:.0f} h: pdcd calibrate check"
+            f"the bench has not been checked for {24.0 * days:.0f} h: run pdcd calibrate check"
         )
 
 
@@ -181,9 +181,9 @@ def frame_check(
 @pytest.mark.parametrize(
     ("other", "words"),
     [
-        (head(4, 7), "raw/b is unlike raw/a: size 7 x 4 quads, not 6 x 4 quads"),
-        (head(turned="left"), "raw/b is unlike raw/a: orientation left, not upright"),
-        (head(model=""), "raw/b is unlike raw/a: camera unnamed, not EOS"),
+        (head(4, 7), "raw/b is unlike raw/a: its size is 7 x 4 quads, not 6 x 4 quads"),
+        (head(turned="left"), "raw/b is unlike raw/a: its orientation is left, not upright"),
+        (head(model=""), "raw/b is unlike raw/a: its camera is unnamed, not EOS"),
     ],
 )
 def test_photos_of_a_run_are_alike(other: Any, words: str) -> None:
@@ -218,7 +218,7 @@ def test_a_camera_whose_photos_are_of_another_size_than_it_says_is_told_of(
     assert grey[0].startswith("photos have 6 x 4 pixels, not the 4 x 6 that")
     monkeypatch.setattr("pdcd.capture.bench_check.is_camera_turned", lambda _, flip: flip == 0)
     frame_check(warned).saw("raw/a", head())
-    assert "held another way" in warned[1]
+    assert "turned since it was calibrated" in warned[1]
 
 
 def test_a_job_tells_how_far_it_is_and_ends_where_it_is_not_wanted() -> None:

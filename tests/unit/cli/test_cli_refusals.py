@@ -34,9 +34,9 @@ REFUSED = {
     "calibrate timing --marks xor": "",
     "calibrate --local --queue": "without --queue",
     "calibrate --local --socket x": "without --socket",
-    "calibrate --again f timing": "--again goes alone",
-    "calibrate --again f --local": "--again goes alone",
-    "calibrate --again f --socket x": "--again goes alone",
+    "calibrate --again f timing": "--again takes no steps",
+    "calibrate --again f --local": "--again takes no steps",
+    "calibrate --again f --socket x": "--again takes no steps",
     **{f"calibrate {words}": "" for words in (
         "list --scene", "list x", "use", "use a b", "forget", "list --socket s",
         "use none --anew", "use none --marks xor", "forget gone --yes", "use ../x", "use gone",

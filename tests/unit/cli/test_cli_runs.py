@@ -169,7 +169,7 @@ def test_where_nothing_was_verified_it_is_said(
     assert main(["runs", "verify", "--tag", "nobodys", "--state-dir", str(state)]) == 0
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err == "no finished run is like that: nothing was verified\n"
+    assert printed.err == "no finished run matches: nothing was verified\n"
 
 
 def test_one_run_is_shown_by_its_name(state: Path, capsys: pytest.CaptureFixture[str]) -> None:

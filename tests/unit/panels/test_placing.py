@@ -128,7 +128,7 @@ def test_a_map_is_taken_as_it_is_if_it_is_of_that_device(tmp_path: Path, stored:
             "pixels of its pictures"
         )
         assert caught.value.device == "camera"
-        assert caught.value.hint == "calibrate the geometry anew"
+        assert caught.value.hint == "calibrate the geometry again"
     with pytest.raises(ConfigError, match="this one has 9 x 5 \\("):
         make_placed_map(place, (9, 5), PROJECTOR, "mask")
 

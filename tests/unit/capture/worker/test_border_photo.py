@@ -129,4 +129,4 @@ def test_a_display_without_pictures_of_pixels_is_told_of() -> None:
     found, names, orders = taken(SpoiltPhoto("the display takes no frames of pixels (old)"))
     assert found is None and names == [LIT]
     (note,) = orders.end().notes
-    assert isinstance(note, str) and "errs by more: the display takes no frames" in note
+    assert isinstance(note, str) and "a larger error (the display takes no frames" in note
