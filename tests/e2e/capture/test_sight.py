@@ -104,9 +104,9 @@ def swapped(number: int, shot: Shot) -> Shot:
 @pytest.mark.parametrize(
     ("change", "words", "encode"),
     [
-        (resized, "size 32 x 23 quads, not 32 x 24 quads", masked_dng),
-        (turned, "orientation turned by 90 right, not upright", masked_dng),
-        (swapped, "camera another camera, not test camera", None),
+        (resized, "its size is 32 x 23 quads, not 32 x 24 quads", masked_dng),
+        (turned, "its orientation is turned by 90 right, not upright", masked_dng),
+        (swapped, "its camera is another camera, not test camera", None),
     ],
 )
 def test_a_photo_unlike_the_first_ends_the_run_at_once(
