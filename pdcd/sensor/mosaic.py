@@ -172,10 +172,15 @@ def read_exposure(raw: RawInput) -> tuple[int, float, float | None]:
     except rawpy.LibRawError:
         if tags is None or raw.form is None or not is_read_here(raw.form):
             raise
-        return (*tags.numbers(tiff.ISO), 0)[0], tags.exposure_s, tags.f_number
+        return read_tagged_exposure(tags)
     if tags is not None and tags.numbers(tiff.EXPOSURE_TIME) and not tags.exposure_s:
         exposure_s = 0.0
     return iso, exposure_s, tags.f_number if tags and tags.says_f_number else f_number
+
+
+def read_tagged_exposure(tags: TiffTags) -> tuple[int, float, float | None]:
+    """The same by the tags of a TIFF alone; 0 and None where they say nothing."""
+    return (*tags.numbers(tiff.ISO), 0)[0], tags.exposure_s, tags.f_number
 
 
 def _shown(sizes: rawpy.ImageSizes, visible: tuple[int, int]) -> tuple[int, int]:

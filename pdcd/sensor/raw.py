@@ -34,6 +34,7 @@ from pdcd.sensor.mosaic import (
     open_raw,
     read_exposure,
     read_mosaic,
+    read_tagged_exposure,
 )
 from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
 from pdcd.sensor.proof import check_hole, check_samples, check_zeros
@@ -234,7 +235,8 @@ class RawHead:
     masked : (rows, columns) of samples of the sensor that lie beyond the picture, masked borders
         among them.
     colours : as of `RawFrame`.
-    exposure_s : as of `RawFrame`; of a file that is not built on TIFF its samples are unpacked.
+    iso, exposure_s, f_number : as of `RawFrame`; of a file that is not built on TIFF its samples
+        are unpacked.
     """
 
     frame: tuple[int, int]
@@ -243,6 +245,8 @@ class RawHead:
     masked: tuple[int, int]
     exposure_s: float = 0.0
     colours: int = 3
+    iso: int = 0
+    f_number: float | None = None
 
     @property
     def turned(self) -> str:
@@ -263,14 +267,16 @@ def read_raw_head(path: Path, *, sha256: str | None = None, data: bytes | None =
         side = 1 if grey else 2
         if tags is None:
             raw.libraw.unpack()  # LibRaw tells its time no earlier
-        exposure_s = tags.exposure_s if tags else _single(raw.libraw.other.shutter_speed)
+        said = read_exposure(raw) if tags is None else read_tagged_exposure(tags)
     return RawHead(
         frame=(height // side, width // side),
         flip=sizes.flip,
         model=tags.text(MODEL) if tags else "",
         masked=(sizes.raw_height - sizes.height, sizes.raw_width - sizes.width),
-        exposure_s=exposure_s,
+        exposure_s=_single(said[1]),
         colours=1 if grey else 3,
+        iso=said[0],
+        f_number=said[2],
     )
 
 

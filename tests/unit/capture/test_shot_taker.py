@@ -19,7 +19,7 @@ from pdcd.errors import ExposureError, PhotoError, SyncError
 FOLDER = Path("/run")
 SHA, SECOND = "a" * 64, "b" * 64
 SETTINGS = CameraSettings(100, 5.6, exposure_s=2.0)
-HEAD = SimpleNamespace(exposure_s=2.0)
+HEAD = SimpleNamespace(exposure_s=2.0, iso=100, f_number=5.6)
 
 
 class Log:
@@ -162,6 +162,30 @@ def test_the_second_bucket_comes_with_the_first() -> None:
         taker(Bench(Log(0))).take(one)
 
 
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ({"iso": 400}, "raw/a.dng was taken at ISO 400, not at ISO 100"),
+        ({"f_number": 8.0}, "raw/a.dng was taken at f/8, not at f/5.6"),
+        ({"iso": 0, "f_number": None}, ""),
+        ({"f_number": 5.7}, ""),
+    ],
+)
+@pytest.mark.parametrize("kind", ["shot", "test", "look"])
+def test_a_photo_of_other_settings_than_its_order_ends_the_run(
+    kind: str, said: dict[str, Any], words: str
+) -> None:
+    bench = Bench()
+    bench.refusal = lambda frames: None  # type: ignore[attr-defined]
+    bench.heads = [SimpleNamespace(**{**vars(HEAD), **said})]
+    if not words:
+        assert taker(bench).take(shot("a", kind))
+        return
+    with pytest.raises(ExposureError) as told:
+        taker(bench).take(shot("a", kind))
+    assert (told.value.message, told.value.device) == (words, "camera")
+
+
 UNEVEN = "1 refreshes were missed; codes were lit 0.5 to 1 times as long as planned"
 
 
@@ -276,7 +300,8 @@ def test_a_photo_whose_times_disagree_is_taken_once_more(
     kind: str, open_s: list[float], told_s: list[float], cause: str
 ) -> None:
     bench = Bench()
-    bench.open_s, bench.heads = list(open_s), [SimpleNamespace(exposure_s=told) for told in told_s]
+    bench.open_s = list(open_s)
+    bench.heads = [SimpleNamespace(**{**vars(HEAD), "exposure_s": told}) for told in told_s]
     taker(bench, retries=0).take(shot("a", kind))
     assert bench.heard("discarded") == [("discarded", "a-discarded-1", cause)]
     assert len(bench.heard("expose")) == 2

@@ -79,9 +79,11 @@ def test_a_head_tells_the_size_of_the_picture(
     head = read_raw_head(path)
     rows, cols = active[2] - active[0], active[3] - active[1]
     assert head == RawHead(
-        (rows // 2, cols // 2), flip=5, model="test camera", masked=masked, exposure_s=0.6
-    )
-    assert read_raw(path).frame == head.frame
+        (rows // 2, cols // 2), flip=5, model="test camera", masked=masked, exposure_s=0.6,
+        iso=100, f_number=8.0,
+    )  # fmt: skip
+    raw = read_raw(path)
+    assert (raw.frame, raw.iso, raw.f_number) == (head.frame, head.iso, head.f_number)
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(31, 40), (30, 41), (33, 37)])
