@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,7 +107,7 @@ def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = 
             hint="leave out --partial for a finished one",
         )
     with _held(folder) as source:
-        sound = _looked_at(source, watch)
+        sound = _looked_at(source, folder, watch)
         job = sound.kept.begun.job
         name = f"{job}-partial" if sound.missing else job
         with (
@@ -115,7 +115,7 @@ def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = 
             _new(place, name, sound) as made,
         ):
             cut = _copy(source, made, sound, watch)
-            return _decoded(made, sound, cut, watch)
+            return _decoded(made, folder, sound, cut, watch)
 
 
 @contextmanager
@@ -137,8 +137,8 @@ def _held(folder: Path) -> Iterator[int]:
         raise RequestError(f"cannot open {to_one_line(str(folder))}: {err.strerror}") from err
 
 
-def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
-    """Hold all that the ledger names against it."""
+def _looked_at(source: int, folder: Path, watch: Callable[[], None]) -> _Sound:
+    """Hold all that the ledger names against it. folder : that of the descriptor `source`."""
     kept = read_ledger(source)
     fault, run = find_name_fault(kept.begun.job), kept.run
     if fault is not None or "/" in kept.begun.job:
@@ -149,33 +149,29 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
     if wrong is not None:
         raise DecodeError(f"{CODES}: {wrong}", hint="restore it from a copy")
     frames_bytes = _check_frames(source, kept, watch)
-    lost, shots, meter, size = [], [], [], frames_bytes + kept.planned.codes.size_bytes
+    shots, meter, size = [], [], frames_bytes + kept.planned.codes.size_bytes
+    lost: dict[str, str] = {}
     for shot in run.shots:
         wrong = _fault_in(source, shot.raw, FileRecord(shot.sha256, shot.size_bytes), watch)
         if wrong is None:
             shots.append(shot)
             size += shot.size_bytes
         else:
-            lost.append(f"{to_one_line(shot.raw)}: {wrong}")
+            lost[shot.raw] = wrong
     for test in kept.metered:
         wrong = _fault_in(source, test.meter.raw, test.file, watch)
         if wrong is None:
             meter.append(test.meter)
             size += test.file.size_bytes
         else:
-            lost.append(f"{to_one_line(test.meter.raw)}: {wrong}")
-    with convert_record_errors(path_of(source)):
+            lost[test.meter.raw] = wrong
+    with convert_record_errors(folder):
         recipe = Darkroom(path_of(source), run).recipe
         # Of a run that went on by other codes, those that came before are no shots any more.
         known = {shot.name for shot in recipe.shots}
         shots = [shot for shot in shots if shot.name in known]
-        there = {test.raw for test in meter}
-        dark = run.dark if run.dark and run.dark.raw in there else None
-        borders = run.borders
-        if borders and not {borders.raw, borders.dark.raw} <= there:
-            borders = None
-        run = msgspec.structs.replace(run, shots=tuple(shots), dark=dark, borders=borders)
-        if not narrow_to_shots(recipe, {shot.name for shot in shots}).pictures:
+        made = narrow_to_shots(recipe, {shot.name for shot in shots})
+        if not made.pictures:
             planned = [shot.name for shot in recipe.shots]
             missing = [n for n in planned if n not in {shot.name for shot in shots}]
             raise DecodeError(
@@ -183,15 +179,36 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
                 + describe_shots_taken(len(shots), len(planned), missing),
                 hint="capture again",
             )
+        _refuse_lost(run, made, lost)
+        there = {test.raw for test in meter}
+        dark = run.dark if run.dark and run.dark.raw in there else None
+        borders = run.borders
+        if borders and not {borders.raw, borders.dark.raw} <= there:
+            borders = None
+        run = msgspec.structs.replace(run, shots=tuple(shots), dark=dark, borders=borders)
     return _Sound(
         kept=kept,
         run=run,
         planned=recipe.shots,
         meter=tuple(meter),
-        lost=tuple(lost),
+        lost=tuple(f"{to_one_line(raw)}: {wrong}" for raw, wrong in lost.items()),
         frames_bytes=frames_bytes,
         size_bytes=size,
     )
+
+
+def _refuse_lost(run: RunRecord, made: Recipe, lost: Mapping[str, str]) -> None:
+    """Raise DecodeError where a photo is lost that is no shot of the pictures and that they rest on
+    all the same: of the room's light, or of a pilot."""
+    needed = [] if run.room is None else [run.room.raw]
+    if any(photo.paths for photo in made.photos):
+        needed += [shot.raw for shot in run.shots if shot.name in made.stack]
+    for raw in needed:
+        if raw in lost:
+            raise DecodeError(
+                f"no picture can be made without {to_one_line(raw)}: {lost[raw]}",
+                hint="restore it from a copy, or capture again",
+            )
 
 
 def _check_frames(source: int, kept: LedgerContents, watch: Callable[[], None]) -> int:
@@ -281,10 +298,13 @@ def _copy_file(
             watch()
 
 
-def _decoded(made: RunFolder, sound: _Sound, cut: tuple[str, ...], watch: Watch) -> _Salvaged:
-    """Decode in the new folder, and finish it. cut : what of it was left out."""
+def _decoded(
+    made: RunFolder, folder: Path, sound: _Sound, cut: tuple[str, ...], watch: Watch
+) -> _Salvaged:
+    """Decode in the new folder, and finish it. folder : of the unfinished run. cut : what of it was
+    left out."""
     kept = sound.kept
-    with convert_record_errors(made.path):
+    with convert_record_errors(folder):
         darkroom = Darkroom(made.path, sound.run)
         decoded = darkroom.decoded(watch, partly=bool(sound.missing))
         told = write_pictures(made.path, decoded)

@@ -218,11 +218,13 @@ def narrow_to_shots(recipe: Recipe, names: Container[str]) -> Recipe:
         for name, rule in recipe.pictures.items()
         if all(p in there for p in list_rule_photos(rule))
     }
+    first = next(iter(recipe.pictures), "")
     return replace(
         recipe,
         shots=tuple(shot for shot in recipe.shots if shot.name in names),
         photos=tuple(photos),
         pictures=pictures,
+        asked=recipe.asked or ("" if first in pictures else first),
     )
 
 

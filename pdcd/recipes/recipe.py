@@ -111,6 +111,9 @@ class Recipe:
     meant: WantedMatrix | None = None
     split: tuple[str, ...] = ()
     """How a wanted matrix is taken apart, in words, a line a part."""
+    asked: str = ""
+    """Name of the picture that was asked for, where it cannot be made of the shots that are there,
+    and another one stands in its place."""
 
     @property
     def coded(self) -> RecipePhoto | None:

@@ -30,12 +30,15 @@ _FREEDOM = 3.0
 def judge_answer(seen: Evidence) -> Iterator[VerdictFinding]:
     """All that is said of the answer."""
     made, record, transport = seen.decoded.answer, seen.record, seen.decoded.transport
+    recipe = seen.decoded.recipe
+    if recipe.asked:
+        yield from judge(Cause.ANSWER_MISSING, asked=recipe.asked, stands=recipe.answer_name)
     image, sigma, sensor = (seen.inside(p) for p in (made.image, made.sigma, made.sensor))
     yield from judge_noise(image, sigma, sensor)
     if transport is not None:
         yield from _judge_common_light(transport.common)
     else:
-        target = seen.decoded.recipe.target
+        target = recipe.target
         if made.kind == "measured":
             yield from judge_error_bars(image, sigma, sensor, target.cells)
         if target.goal.name in _LIGHT:

@@ -209,6 +209,9 @@ class Cause(Enum):
         "auto or tail for a slow mask, or take indirect, which shows it")
 
     # The answer.
+    ANSWER_MISSING = VerdictRow(NEVER, YES,
+        "the picture {asked} that was asked for is missing, as photos for it are, and {stands} "
+        "stands in its place; capture again")
     ANSWER_UNKNOWN = VerdictRow(NEVER, YES,
         "nothing is known of the answer: the whole field is saturated or unseen; close the "
         "aperture and check what the camera sees")

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 import pytest
 
+import pdcd
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture import salvage
 from pdcd.capture.engine import Engine
@@ -208,6 +209,8 @@ def test_a_pilot_that_was_cut_is_no_coded_photo(tmp_path: Path) -> None:
     assert re.search(r" and \d+ more$", found.taken)
     manifest = read_manifest(Path(found.folder))
     assert "the answer is missing; white stands in its place" in manifest.warnings
+    assert manifest.quality.verdict == "bad"
+    assert manifest.quality.reasons[0].startswith("the picture indirect that was asked for is")
     # The scouts saw nothing: the plan was changed, and by it only the coded photo is missing.
     stopped = decode_partial(left(tmp_path / "stopped", SCOUTS + 1, **fields))
     assert stopped.missing == ("coded",)
@@ -277,6 +280,22 @@ def test_a_photo_that_is_not_as_it_came_is_missing(tmp_path: Path, attack: str) 
     assert found.state == "partial" and found.missing[0] == photo.stem
     assert len(found.lost) == 1 and photo.name in found.lost[0]
     assert not (Path(found.folder) / "raw" / photo.name).exists()
+
+
+@pytest.mark.parametrize("photo", ["look-room", "pilot-0003"])
+def test_photos_that_all_others_rest_on_must_be_there(tmp_path: Path, photo: str) -> None:
+    """In a run that was killed once all of them had been taken."""
+    size = {"size_px": [64, 48]}
+    tables = {"projector": size, "mask": size, "camera": {"frame_quads": [64, 48]}}
+    with pdcd.local({**tables, "scene": {"grid": [6, 8]}}, folder=tmp_path) as bench:
+        done = bench.capture("indirect", codes=128, progress=False).folder
+    partial = done.rename(done.with_name(f"{done.name}.partial"))
+    for name in ("capture.json", "capture.json.sha256", f"raw/{photo}.dng"):
+        (partial / name).unlink()
+    with pytest.raises(DecodeError) as told:
+        decode_partial(partial)
+    assert told.value.message == f"no picture can be made without raw/{photo}.dng: it is missing"
+    assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == [partial.name]
 
 
 def test_a_log_without_end_is_not_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
