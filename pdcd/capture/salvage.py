@@ -101,7 +101,8 @@ def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = 
     picture can be made of what is there, NoSpaceError and DiskError.
     """
     watch = watch or Watch()
-    if not folder.resolve().name.endswith(UNFINISHED):
+    real = Path(os.path.realpath(folder))  # of links in a circle, too
+    if not real.name.endswith(UNFINISHED):
         raise RequestError(
             f"{to_one_line(str(folder))} is not an unfinished run",
             hint="leave out --partial for a finished one",
@@ -111,7 +112,7 @@ def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = 
         job = sound.kept.begun.job
         name = f"{job}-partial" if sound.missing else job
         with (
-            HeldFolder.at(out or folder.resolve().parent) as place,
+            HeldFolder.at(out or real.parent) as place,
             _new(place, name, sound) as made,
         ):
             cut = _copy(source, made, sound, watch)

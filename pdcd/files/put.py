@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import secrets
+import stat
 import tempfile
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +17,8 @@ from pdcd.files.system import system
 def replace_file(path: Path, data: bytes) -> None:
     """Write a file that can be made again, in the place of any that is there.
 
-    Raises NoSpaceError, and DiskError for any other refusal of the disk. No half of it is left.
+    Raises RequestError where that is a device, NoSpaceError, and DiskError for any other refusal of
+    the disk. No half of it is left.
     """
     with disk_errors(str(path)):
         folder = system.open(path.parent, system.O_PATH | system.O_DIRECTORY | system.O_CLOEXEC)
@@ -44,8 +46,9 @@ def write_atomic(
     folder : descriptor; `shown` is what people call it.
     durable : whether it lasts when the power fails; else some of it may then be lost.
 
-    Raises RequestError when there is such a file and it is not to be replaced, NoSpaceError, and
-    DiskError for any other refusal of the disk. No half of a file is left.
+    Raises RequestError when there is such a file and it is not to be replaced, or what is there is
+    a device, NoSpaceError, and DiskError for any other refusal of the disk. No half of a file is
+    left.
     """
     unfinished = f".{name}.{secrets.token_hex(4)}"
     flags = system.O_WRONLY | system.O_CREAT | system.O_EXCL | system.O_NOFOLLOW | system.O_CLOEXEC
@@ -87,4 +90,18 @@ def _name(folder: int, unfinished: str, name: str, *, replace: bool, shown: str)
             check_name_free(folder, name, shown)
         except OSError:  # a disk without hard links
             check_name_free(folder, name, shown)
+    _refuse_others(folder, name, shown)
     system.rename(unfinished, name, src_dir_fd=folder, dst_dir_fd=folder)
+
+
+def _refuse_others(folder: int, name: str, shown: str) -> None:
+    """Raise RequestError where a file would take the place of a device, as /dev/null is, or of a
+    link to what is no file, as /dev/stdout is."""
+    try:
+        itself = system.stat(name, dir_fd=folder, follow_symlinks=False).st_mode
+        mode = system.stat(name, dir_fd=folder).st_mode
+    except OSError:  # nothing, or a link that leads nowhere
+        return
+    device = stat.S_ISCHR(mode) or stat.S_ISBLK(mode)
+    if device or (stat.S_ISLNK(itself) and not stat.S_ISREG(mode)):
+        raise RequestError(f"{Path(shown) / name} is no file", hint="name a new file, or another")

@@ -7,6 +7,7 @@ that belong to this user, or to root: others may have put anything there meanwhi
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -30,7 +31,7 @@ def note_folder(folder: Path) -> None:
     """Note a folder that a command put a run into. What cannot be noted is left out: the run is
     whole without."""
     with suppress(OSError, PdcdError, UnicodeEncodeError):
-        state, path = find_state_dir(Config()), str(folder.resolve())
+        state, path = find_state_dir(Config()), os.path.realpath(folder)
         others = [other for other in _read_paths(state) if other != path]
         state.mkdir(parents=True, exist_ok=True)
         replace_file(state / _FILE, encode_json([*others, path][-_MOST_FOLDERS:]))

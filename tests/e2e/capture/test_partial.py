@@ -357,5 +357,7 @@ def test_a_run_that_goes_on_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(DecodeError, match="ledger"):
         decode_partial(tmp_path / "job.partial")
     (tmp_path / "done").mkdir()
-    with pytest.raises(RequestError, match="not an unfinished run"):
-        decode_partial(tmp_path / "done")
+    (tmp_path / "circle").symlink_to("circle")
+    for name in ("done", "circle"):
+        with pytest.raises(RequestError, match="not an unfinished run"):
+            decode_partial(tmp_path / name)

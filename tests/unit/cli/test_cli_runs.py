@@ -95,7 +95,9 @@ def test_runs_in_folders_that_out_named_are_found(
     here, beside = state.parents[3] / "here", state.parents[3] / "beside"
     finished(here, job(5), request={"name": "Elsewhere"})
     finished(beside / "below", job(6))
-    for folder in (here, beside, here, state / "captures"):
+    circle = state.parents[3] / "circle"
+    circle.symlink_to("circle")
+    for folder in (here, beside, here, circle, state / "captures"):
         note_folder(folder)
     # Those that lie in the folder itself, each once; and nothing that was put below it.
     assert jobs() == [job(1), job(2), job(3), job(5)]

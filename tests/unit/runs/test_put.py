@@ -118,6 +118,18 @@ def test_no_half_of_a_file_is_left(
     assert names(tmp_path) == {"a"} and (tmp_path / "a").read_bytes() == b"old"
 
 
+@pytest.mark.parametrize("leads_to", ["pipe", "/dev/null"])
+def test_no_file_takes_the_place_of_a_link_to_a_device_or_a_pipe(
+    leads_to: str, tmp_path: Path
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    path = tmp_path / "link"
+    path.symlink_to(leads_to)
+    with pytest.raises(RequestError, match=f"{path} is no file"):
+        replace_file(path, b"new")
+    assert path.is_symlink() and names(tmp_path) == {"link", "pipe"}
+
+
 def test_a_file_that_can_be_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a").symlink_to(tmp_path / "elsewhere")
     replace_file(tmp_path / "a", b"old")
