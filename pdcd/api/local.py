@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -19,7 +20,7 @@ from pdcd.bench.config import from_config_tables, load_config
 from pdcd.bench.measured import apply_calibration
 from pdcd.bench.reading import check_integers, parse_toml
 from pdcd.bench.tables import Config
-from pdcd.errors import ConfigError, PdcdError
+from pdcd.errors import BusyError, ConfigError, PdcdError
 from pdcd.files.opening import UnsoundFileError, open_parcels
 from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file
 from pdcd.files.system import require_linux
@@ -88,6 +89,7 @@ class LocalBench(Bench):
         self._engine: Engine = Engine.from_config(config)
         self._folder = folder
         self._opened = False
+        self._used = threading.Lock()
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -144,16 +146,20 @@ class LocalBench(Bench):
         if request.out is None and self._folder is not None:
             request = msgspec.structs.replace(request, out=str(self._folder.absolute()))
         wanted, given = self._read(request, arrays)
-        self._open()
-        return self._engine.capture(
-            wanted,
-            given,
-            job=make_job_id(),
-            owner=describe_owner(),
-            emit=_unheard if on_event is None else on_event,
-            cancelled=cancelled,
-            report=report,
-        )
+        self._begin_use()
+        try:
+            self._open()
+            return self._engine.capture(
+                wanted,
+                given,
+                job=make_job_id(),
+                owner=describe_owner(),
+                emit=_unheard if on_event is None else on_event,
+                cancelled=cancelled,
+                report=report,
+            )
+        finally:
+            self._used.release()
 
     def begin_stream(self, request: StreamRequest, arrays: Arrays = NONE) -> PictureStream:
         """Begin a stream (see `Bench.begin_stream`); the bench is for nothing else meanwhile."""
@@ -167,15 +173,30 @@ class LocalBench(Bench):
         wanted, given = self._read(request, arrays)
         if not isinstance(wanted, StreamRequest):
             raise PdcdError("a stream became a photo")
-        self._open()
         asked = wanted
 
         def run(listener: StreamListener) -> CaptureResult:
-            return self._engine.stream(
-                asked, given, job=make_job_id(), owner=describe_owner(), listener=listener
-            )
+            try:
+                return self._engine.stream(
+                    asked, given, job=make_job_id(), owner=describe_owner(), listener=listener
+                )
+            finally:
+                self._used.release()
 
+        self._begin_use()
+        try:
+            self._open()
+        except BaseException:
+            self._used.release()
+            raise
         return LocalStream(run, draw=draw)
+
+    def _begin_use(self) -> None:
+        """Keep the rig for one photo or stream. Raises BusyError while there is another one."""
+        if not self._used.acquire(blocking=False):
+            raise BusyError(
+                "this bench is taking a photo or a stream", hint="wait for its end, or end it first"
+            )
 
     def _open(self) -> None:
         if self._opened:

@@ -233,10 +233,13 @@ class StreamTaker:
         """
         due_s, step_s = 0.0, 1.0 / (self._request.rate_hz or _MOST_HZ)
         last_s = self._request.for_s
+
+        def ended() -> bool:
+            return last_s is not None and maker.seen_s >= last_s
+
         for round_ in cycle(self._plan.rounds):
-            if last_s is not None and maker.seen_s >= last_s:
+            if self._wait_until(due_s, ended):
                 return
-            self._wait_until(due_s)
             due_s = max(due_s, time.monotonic() - step_s) + step_s
             for photographed in self._take_round(round_):
                 maker.give(photographed, self._job.look_for_cancel)
@@ -246,14 +249,16 @@ class StreamTaker:
                 record(order, {shot.record.sha256: shot for shot in shots})
                 self._again = False
 
-    def _wait_until(self, due_s: float) -> None:
-        """Wait for the next picture's turn, with a look for a cancel now and then."""
-        while True:
+    def _wait_until(self, due_s: float, ended: Callable[[], bool]) -> bool:
+        """Wait for the next picture's turn, with a look for a cancel now and then; whether the
+        stream ended before it came."""
+        while not ended():
             self._job.look_for_cancel()
             left_s = due_s - time.monotonic()
             if left_s <= 0.0:
-                return
+                return False
             time.sleep(min(left_s, _LOOK_S))
+        return True
 
     def _take_round(self, round_: StreamRound) -> Iterator[_Photographed]:
         """The photos of a picture; one that is spoilt ends the round."""

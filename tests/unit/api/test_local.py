@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from pathlib import Path
 
 import msgspec
@@ -13,7 +14,7 @@ import pdcd
 from pdcd.api.local import resolve_config
 from pdcd.bench.tables import Config, DisplayConfig, FaultsConfig, LimitsConfig, RigConfig
 from pdcd.capture.engine import Engine
-from pdcd.errors import Cancelled, ConfigError, DeviceLost, RequestError
+from pdcd.errors import BusyError, Cancelled, ConfigError, DeviceLost, RequestError
 from pdcd.protocol.events import Event
 from tests.bench_rig import GRID, config, transport
 
@@ -49,6 +50,25 @@ def test_a_configuration_may_be_given_in_many_ways(
 def test_a_wrong_configuration_is_refused(given: object, told: str) -> None:
     with pytest.raises(ConfigError, match=told):
         resolve_config(given)  # type: ignore[arg-type]
+
+
+def test_a_bench_takes_one_stream_or_photo_at_a_time(tmp_path: Path) -> None:
+    with pdcd.local(config(tmp_path), folder=tmp_path / "runs") as bench:
+        for _ in range(2):
+            with bench.stream("indirect", codes=8) as stream:
+                with pytest.raises(BusyError, match="taking a photo or a stream"):
+                    bench.capture("white", codes=4, progress=False)
+                with pytest.raises(BusyError):
+                    bench.stream("indirect", codes=8)
+                assert next(stream).number > 0
+            assert bench.capture("white", codes=4, progress=False).goal == "white"
+
+
+def test_a_stream_ends_with_its_time_however_slow_it_is(tmp_path: Path) -> None:
+    with pdcd.local(config(tmp_path), folder=tmp_path / "runs") as bench:
+        began_s = time.monotonic()
+        assert list(bench.stream("indirect", codes=8, rate_hz=0.02, for_s=0.5))
+        assert time.monotonic() - began_s < 40.0  # the next picture would be due after 50
 
 
 def test_arrays_may_come_in_any_form(tmp_path: Path) -> None:
