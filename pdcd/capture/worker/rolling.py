@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
+from pdcd.capture.bench_check import refuse_other_settings
 from pdcd.capture.worker.answers import AdoptedPlan, PhotoOrder, compute_rms_sigma
 from pdcd.capture.worker.plan_owner import Course
-from pdcd.errors import DecodeError, disk_errors
+from pdcd.errors import DecodeError, ExposureError, disk_errors
 from pdcd.files.images import encode_jpeg
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.pictures.darkroom import Darkroom
@@ -116,15 +117,18 @@ class StreamCourse:
         """Take a photo; with `part` it is the last one of that part, and its picture is made.
 
         draw : as a JPEG, too. Returns in words what is wrong with a photo that is no good: it
-        cannot be read, or the camera exposed for another time than was planned."""
+        cannot be read, or the camera exposed for another time than was planned, or at another
+        ISO or stop than was asked for."""
         shelf = self._course.shelf
         before = {path: shelf.held(path) for path in photo.held}
         for path, data in photo.held.items():
             shelf.hold(path, data)
         try:
             for shot in photo.shots:
+                head = shelf.read_head(shot.raw)
+                refuse_other_settings(shot.raw, head, shot.iso, shot.f_number)
                 self._rolling.renew(shot, *restore_frames(self._frames[shot.name], photo.log))
-        except DecodeError as err:
+        except (DecodeError, ExposureError) as err:
             for path, old in before.items():
                 shelf.hold(path, old)
             return err.message

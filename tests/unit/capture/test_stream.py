@@ -4,6 +4,7 @@ and it ends with the rig safe however it ends."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -224,6 +225,21 @@ def test_a_device_that_is_lost_ends_it_at_once(plain: Engine) -> None:
     result = viewer.watch(plain, REQUEST)
     assert result.state == "failed" and result.error is not None and is_safe(plain)
     assert result.error["kind"] == "device_lost" and not viewer.seen[-1].frame.spoilt
+
+
+def test_a_camera_whose_iso_is_turned_meanwhile_ends_it(plain: Engine) -> None:
+    viewer, readout = Viewer(100), plain._rig.readout
+    real = readout.fetch
+
+    def fetch(*args: Any) -> Any:
+        if len(viewer.seen) >= 3:
+            readout._settings = replace(readout._settings, iso=400)  # type: ignore[attr-defined]
+        return real(*args)
+
+    setattr(readout, "fetch", fetch)  # noqa: B010
+    result = viewer.watch(plain, REQUEST)
+    assert result.state == "failed" and result.error is not None and is_safe(plain)
+    assert "was taken at ISO 400, not at ISO 100" in result.error["message"]
 
 
 def test_a_camera_that_hangs_is_left_by_a_cancel(plain: Engine) -> None:
