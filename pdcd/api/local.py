@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import weakref
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -90,6 +91,7 @@ class LocalBench(Bench):
         self._folder = folder
         self._opened = False
         self._used = threading.Lock()
+        self._stream: Callable[[], LocalStream | None] = lambda: None
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -111,7 +113,10 @@ class LocalBench(Bench):
         return describe_bench(self._config)
 
     def close(self) -> None:
-        """Release the devices. Idempotent; the next capture opens them again."""
+        """Release the devices, and end a stream of them. Idempotent; the next capture opens them
+        again."""
+        if (stream := self._stream()) is not None:
+            stream.close()
         if self._opened:
             self._opened = False
             self._engine.stop()
@@ -189,7 +194,9 @@ class LocalBench(Bench):
         except BaseException:
             self._used.release()
             raise
-        return LocalStream(run, draw=draw)
+        stream = LocalStream(run, draw=draw)
+        self._stream = weakref.ref(stream)  # it ends when nobody else holds it
+        return stream
 
     def _begin_use(self) -> None:
         """Keep the rig for one photo or stream. Raises BusyError while there is another one."""

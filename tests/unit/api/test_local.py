@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from itertools import islice
 from pathlib import Path
 
 import msgspec
@@ -62,6 +63,13 @@ def test_a_bench_takes_one_stream_or_photo_at_a_time(tmp_path: Path) -> None:
                     bench.stream("indirect", codes=8)
                 assert next(stream).number > 0
             assert bench.capture("white", codes=4, progress=False).goal == "white"
+
+
+def test_a_bench_that_is_closed_ends_its_stream(tmp_path: Path) -> None:
+    with pdcd.local(config(tmp_path), folder=tmp_path / "runs") as bench:
+        stream = bench.stream("indirect", codes=8)
+        next(stream)
+    assert len(list(islice(stream, 3))) <= 1  # what was ready by then
 
 
 def test_a_stream_ends_with_its_time_however_slow_it_is(tmp_path: Path) -> None:

@@ -239,7 +239,7 @@ def test_a_camera_whose_iso_is_turned_meanwhile_ends_it(plain: Engine) -> None:
     setattr(readout, "fetch", fetch)  # noqa: B010
     result = viewer.watch(plain, REQUEST)
     assert result.state == "failed" and result.error is not None and is_safe(plain)
-    assert "was taken at ISO 400, not at ISO 100" in result.error["message"]
+    assert "was taken at ISO 400, not at ISO 100" in str(result.error["message"])
 
 
 def test_a_camera_that_hangs_is_left_by_a_cancel(plain: Engine) -> None:
