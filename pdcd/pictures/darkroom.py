@@ -28,6 +28,7 @@ from pdcd.pictures.exposed import AmbientLight, ExposedShot, RawShot, refuse_unl
 from pdcd.pictures.full import find_full_quads
 from pdcd.pictures.leaks import DarkPhotoLight, ShotMeans
 from pdcd.pictures.learn import PilotFindings, learn_paths
+from pdcd.pictures.lost_samples import LostSamples
 from pdcd.pictures.picture import PictureWithErrors
 from pdcd.pictures.realise import compute_shot_matrix
 from pdcd.pictures.repeated import RepeatedMatrices
@@ -45,12 +46,7 @@ from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.dead import (
-    can_tell_samples,
-    find_dead_samples,
-    find_full_level,
-    mark_full_samples,
-)
+from pdcd.sensor.dead import can_tell_samples, find_dead_samples
 from pdcd.sensor.raw import RawFrame, compute_colour_variance, shrink_image, to_colours
 from pdcd.sensor.shelf import PhotoShelf
 from pdcd.watch import Watch
@@ -87,8 +83,7 @@ class Darkroom:
         self._learned: tuple[tuple[int, int, bool], PilotFindings] | None = None
         self._like: tuple[str, int] | None = None
         self._seen: tuple[object, tuple[BorderMeasurement | None, Floats | None]] | None = None
-        self._dead: Bools | None = None
-        self._full_dn: dict[int, float] = {}
+        self._lost = LostSamples()
         self.replan(record)
 
     @property
@@ -198,10 +193,12 @@ class Darkroom:
             if self._sees_lines(recipe, pictures):  # they count in error bars
                 pictures = make_pictures_with_errors(self._record, recipe, *known)
         view = FieldView.of(self._record, cells)
-        dead = self._dead if self._side == 1 else None
+        dead = self._lost.dead if self._side == 1 else None
         full = self.find_full_quads(recipe)
+        crossed = {name: one.crossed for name, one in self._matrices.items() if one.crossed}
+        apart = self._apart()
         return DecodedRun(
-            recipe, shots, pictures, cells, view, sums, self._apart(), self._side, dead, full
+            recipe, shots, pictures, cells, view, sums, apart, self._side, dead, full, crossed
         )
 
     def _sees_lines(self, recipe: Recipe, pictures: Mapping[str, PictureWithErrors]) -> bool:
@@ -218,8 +215,9 @@ class Darkroom:
 
     def find_full_quads(self, recipe: Recipe) -> Bools | None:
         """Those of `pdcd.pictures.full`; None of squares of quads, too."""
-        alone = self._side == 1
-        return find_full_quads(recipe, self._exposed, self.cells, self._dead) if alone else None
+        if self._side > 1:
+            return None
+        return find_full_quads(recipe, self._exposed, self.cells, self._lost.dead)
 
     def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, ExposedShot]]:
         """Shots and sums so far, and the recipe of the photos that they suffice for."""
@@ -371,7 +369,9 @@ class Darkroom:
             pair = self._pair(self._planned[shot.name])
             frames, log = self._table.of(shot, pair, grid=self._record.grid)
             alive()
-            self._matrices[shot.name] = compute_shot_matrix(self._record, shot, frames, log, alive)
+            self._matrices[shot.name] = compute_shot_matrix(
+                self._record, shot, frames, log, alive, crossed=True
+            )
         return self._matrices[shot.name]
 
     def _shots(self, watch: Watch) -> dict[str, ExposedShot]:
@@ -403,42 +403,26 @@ class Darkroom:
         """A shot out of its RAW file, and what the panels did in it."""
         profile = self._record.profile
         self._check(shot, raw)
-        raw = self._without_dead(shot, self._without_full(shot, raw))
-        raw = raw if self._side == 1 else raw.binned(self._side, self._dead)
+        raw = self._without_dead(shot, self._lost.mark_full(raw, profile, shot.iso))
+        raw = raw if self._side == 1 else raw.binned(self._side, self._lost.dead)
         factors = self._to_units(shot.iso, shot.f_number) / (shot.level or 1.0)
         realised = shown.realised
         if shot.window == "whole":
             realised = replace(realised, apart=self._strips)
         return RawShot(raw, profile, shot.iso, shot.open_s, factors, realised, shown.missed)
 
-    def _without_full(self, shot: ShotRecord, raw: RawFrame) -> RawFrame:
-        """The same with full samples as saturated ones, by where those of this photo or of one
-        before end; a warning says so."""
-        found = find_full_level(raw, self._record.profile, shot.iso)
-        if found is not None:
-            self._full_dn[shot.iso] = min(found, self._full_dn.get(shot.iso, found))
-        level = self._full_dn.get(shot.iso)
-        if level is None:
-            return raw
-        stated = self._record.profile.saturation_dn(shot.iso)
-        said = (
-            f"samples end at {100.0 * level / stated:.0f} % of the sensor profile's saturation: "
-            "these are saturated; measure the sensor (pdcd calibrate sensor)"
-        )
-        return replace(mark_full_samples(raw, level), doubts=(*raw.doubts, said))
-
     def _without_dead(self, shot: ShotRecord, raw: RawFrame) -> RawFrame:
         """The same with dead quads as saturated ones, of which nothing is known; where a white shot
         shows them only now, those before it, too."""
         cells = self._record.cells if self._planned[shot.name].all_light else None
-        if self._dead is None and cells is not None and can_tell_samples(cells):
-            self._dead = find_dead_samples(raw, self._record.profile, shot.iso)
-            dead = self._dead
+        if self._lost.dead is None and cells is not None and can_tell_samples(cells):
+            self._lost.dead = find_dead_samples(raw, self._record.profile, shot.iso)
+            dead = self._lost.dead
             if self._side > 1:
                 dead = shrink_image(dead.astype(np.float32), self._side) > 0.0
             for name, one in self._exposed.items():
                 self._exposed[name] = replace(one, raw=one.raw.without(dead))
-        return raw if self._dead is None else raw.without(self._dead)
+        return raw if self._lost.dead is None else raw.without(self._lost.dead)
 
     def _check(self, shot: ShotRecord, raw: RawFrame) -> None:
         """Note what the first photo is like, and refuse others that are not. Raises DecodeError."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from pdcd.arrays import Bools
+from pdcd.arrays import Bools, Floats
 from pdcd.pictures.combine import compute_removed_share
 from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.picture import PictureWithErrors
@@ -45,6 +45,9 @@ class DecodedRun:
     full: Bools | None = None
     """(h, w), quads that a shot of the answer has saturated by light; None where there are none, or
     one of the pictures' is a mean of several."""
+
+    crossed: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
+    """`pdcd.pictures.weights.RealisedMatrix.crossed` of shots of codes."""
 
     @property
     def answer(self) -> PictureWithErrors:

@@ -39,10 +39,16 @@ class RealisedShot(Protocol):
 
 @dataclass(frozen=True)
 class RealisedMatrix:
-    """What the panels did in a shot whose light nobody asked for."""
+    """What the panels did in a shot whose light nobody asked for.
+
+    crossed : for how many seconds more than believed light would go through its own cell (N,), if
+    the mask were so late, and if it were so early, that its codes met others of the projector's;
+    None where nobody asked, or where none can meet.
+    """
 
     realised: Factors
     missed: int = 0
+    crossed: tuple[Floats, Floats] | None = None
 
 
 @dataclass(frozen=True, eq=False)

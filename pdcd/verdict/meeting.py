@@ -3,9 +3,9 @@ light that is there whatever the mask does.
 
 The realised matrix goes by what is believed of the panels' times. Of a mask that is late or slow it
 says that codes meet, while direct light gets past them: it is missing in the picture of direct
-light, and added to that of indirect light, for all points and in all parts alike. Two photos need
-no mask in time:
+light, and added to that of indirect light, for all points and in all parts alike. What tells it:
 
+- *how parts differ* (`pdcd.verdict.crossed`), to a thousandth of it, where there are parts;
 - *single codes through an open mask*, as of a pilot: a cell is bright when its own projector cell
   is. They tell direct light to a few hundredths;
 - *blocks on the projector*, which stand still (`pdcd.pictures.misplaced`). Light from near counts
@@ -21,7 +21,8 @@ import numpy as np
 
 from pdcd.arrays import Floats
 from pdcd.sensor.cells import CellMap
-from pdcd.verdict.causes import Cause, VerdictFinding, judge
+from pdcd.verdict.causes import Cause, Grade, VerdictFinding, judge
+from pdcd.verdict.crossed import measure_crossed_light
 from pdcd.verdict.evidence import Evidence, compute_rms
 from pdcd.verdict.placement import LightSample
 
@@ -58,6 +59,17 @@ def judge_meeting(
     coded : (N,) its shares by photos of codes, NaN where they do not tell. single : photos of one
     code each through an open mask, none or at least two.
     """
+    by_parts = measure_crossed_light(seen)
+    found = _compare_direct_light(seen, coded, single)
+    if by_parts is None or (found and found[0].grade is Grade.BAD):
+        return found
+    return judge(Cause.CODES_APART, by_parts.share, lost=by_parts.lost, elsewhere="") or found
+
+
+def _compare_direct_light(
+    seen: Evidence, coded: Floats, single: Sequence[LightSample]
+) -> list[VerdictFinding]:
+    """The same by direct light that is there whatever the mask does; as of `judge_meeting`."""
     look = seen.record.panels
     light = compare_with_single_codes(coded, single, measure_own_part(seen.cells))
     if light is None and look is not None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -320,6 +321,39 @@ def test_a_mask_that_keeps_other_times_than_believed(
         told = made.quality.reasons[0]
         assert told.startswith((NOT_MET, "the coded photo has more light than there can be"))
         assert "run pdcd calibrate timing" in told
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        "[mask]\nskew_s = 0.017",
+        "[mask]\nskew_s = -0.017",
+        "[mask]\nrise_s = 0.005\nfall_s = 0.006",
+        pytest.param("[projector]\nrise_s = 0.005\nfall_s = 0.006", marks=pytest.mark.long),
+    ],
+)
+def test_codes_that_hardly_meet_others_are_told_by_how_parts_differ(
+    tmp_path: Path, truth: str
+) -> None:
+    """Two hundredths of the direct light of a book are a fifth of its indirect light."""
+    (tmp_path / "truth.toml").write_text(f"{truth}\n")
+    made = take(late_bench(tmp_path, "open-book"), goal="indirect", out=str(tmp_path / "run"))
+    assert 0.1 < made.error < 0.5
+    assert made.quality.verdict == "doubtful"
+    assert made.quality.reasons[0].startswith(NOT_MET)
+
+
+@pytest.mark.parametrize("scene", ["open-book", "still-life"])
+def test_known_slow_panels_are_not_accused(tmp_path: Path, scene: str) -> None:
+    """They let a twentieth of the direct light past the codes, as everybody knows."""
+    (tmp_path / "truth.toml").write_text("")
+    config = late_bench(tmp_path, scene)
+    slow = PanelConfig(
+        size_px=config.mask.size_px, rise_s=3e-3, fall_s=5e-3, skew_s=4e-3, contrast=300.0
+    )
+    made = take(msgspec.structs.replace(config, mask=slow), out=str(tmp_path / "run"))
+    assert made.error < 0.05
+    assert not any(reason.startswith(NOT_MET) for reason in made.quality.reasons), made.quality
 
 
 def late_bench(folder: Path, scene: str, **camera: Any) -> Config:

@@ -1,0 +1,114 @@
+"""Do the codes of both panels meet in time? By how the parts of a photo differ.
+
+Where the mask is later or earlier than believed, each of its codes meets the one before or after it
+on the projector as well. How often a cell is then lit through its own mask differs from part to
+part, by the order of its codes, which is known. The scene is the same in all parts, and the chance
+of codes has another order: so direct light that gets past the codes is told to a thousandth of it,
+however little the scene is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.arrays import Floats
+from pdcd.pictures.combine import list_white_photos
+from pdcd.probing.deviation import weight_s
+from pdcd.verdict.evidence import Evidence, compute_rms
+
+_FEWEST_PARTS = 3
+"""Parts that tell anything."""
+_SURE = 4.0
+"""Standard deviations from which light gets past the codes."""
+_PATCH_CELLS = 4
+"""Cells along a side of a part of the field whose errors are one: light is alike close by."""
+
+
+@dataclass(frozen=True)
+class CrossedLight:
+    """Direct light that gets past the codes: its share of all of it, and its RMS over that of the
+    answer."""
+
+    lost: float
+    share: float
+
+
+def measure_crossed_light(seen: Evidence) -> CrossedLight | None:
+    """By the parts of a photo of all indirect light, beside a white one; None where these do not
+    tell, or codes meet. For the verdict on panels."""
+    white = [
+        p for p in seen.decoded.recipe.photos if p.name in list_white_photos(seen.decoded.recipe)
+    ]
+    coded = [p for p in seen.photos if p.wanted.uniform == (0.0, 1.0)]
+    if not white or not coded:
+        return None
+    names = [name for sign, name in coded[0].shots if sign > 0.0 and name in seen.decoded.crossed]
+    if len(names) < _FEWEST_PARTS:
+        return None
+    samples = [seen.sample([(1.0, name)]) for name in names]
+    weights_s = np.array([weight_s(one.realised, coded[0].wanted) for one in samples])[:, None]
+    light, believed, late, early = (
+        np.stack(each) / weights_s
+        for each in (
+            [one.light for one in samples],
+            [one.realised.coaxial for one in samples],
+            *([seen.decoded.crossed[name][side] for name in names] for side in (0, 1)),
+        )
+    )
+    whole = seen.sample(white[-1].shots)
+    full = whole.realised.coaxial
+    all_light = np.divide(whole.light, full, out=np.full(full.shape, np.nan), where=full > 0.0)
+    return compute_crossed_light(light, believed, (late, early), all_light, seen.cells.grid)
+
+
+def compute_crossed_light(
+    light: Floats,
+    believed: Floats,
+    crossed: tuple[Floats, Floats],
+    all_light: Floats,
+    grid: tuple[int, int],
+) -> CrossedLight | None:
+    """The same by the figures of P parts on N cells.
+
+    light : (P, N), of parts in units of indirect light, NaN where it is not known. believed : how
+    much of the direct light gets past the codes as believed, (P, N), and `crossed`, how much more
+    would where the mask were late, and where it were early. all_light : (N,).
+    """
+    known = np.isfinite(all_light - light.mean(axis=0))
+    light, believed, all_light = light[:, known], believed[:, known], all_light[known]
+    more = [one[:, known] for one in crossed]
+    # What is believed to get past the codes is no news.
+    direct = np.maximum(all_light - light.mean(axis=0), 0.0) / (1.0 - believed.mean(axis=0))
+    light = light - believed * direct
+    times, sigma = _fit_times(light, [one * direct for one in more], _number_patches(grid)[known])
+    each = zip(times, sigma, more, strict=True)
+    past = float(sum(n * one.mean() for n, error, one in each if n > _SURE * error))
+    answer = compute_rms(light.mean(axis=0))
+    if not past > 0.0 or not answer > 0.0:
+        return None
+    # It is missing in what seems to be direct.
+    return CrossedLight(past / (1.0 + past), past * compute_rms(direct) / answer)
+
+
+def _number_patches(grid: tuple[int, int]) -> NDArray[np.intp]:
+    """Which part of the field each cell lies in, (N,)."""
+    down, right = (at.ravel() // _PATCH_CELLS for at in np.indices(grid))
+    return np.asarray(down * (right.max() + 1) + right)
+
+
+def _fit_times(
+    light: Floats, more: Sequence[Floats], patch: NDArray[np.intp]
+) -> tuple[Floats, Floats]:
+    """How often each of some patterns is in what parts differ by, and the standard deviation of
+    that; all are (P, N). 0 for a pattern that parts do not differ by."""
+    apart = light - light.mean(axis=0)
+    by = np.stack([one - one.mean(axis=0) for one in more])
+    inverse = np.linalg.pinv(np.einsum("ipn,jpn->ij", by, by))
+    times = inverse @ np.einsum("ipn,pn->i", by, apart)
+    pulls = np.sum(by * (apart - np.tensordot(times, by, 1)), axis=1)
+    spread = inverse @ np.stack([np.bincount(patch, one) for one in pulls])
+    return times, np.linalg.norm(spread, axis=1)
