@@ -46,16 +46,20 @@ def measure_crossed_light(seen: Evidence) -> CrossedLight | None:
     coded = [p for p in seen.photos if p.wanted.uniform == (0.0, 1.0)]
     if not white or not coded:
         return None
-    names = [name for sign, name in coded[0].shots if sign > 0.0 and name in seen.decoded.crossed]
+    samples = {
+        name: seen.sample([(1.0, name)])
+        for sign, name in coded[0].shots
+        if sign > 0.0 and name in seen.decoded.crossed
+    }
+    weights_s = {name: weight_s(one.realised, coded[0].wanted) for name, one in samples.items()}
+    names = [name for name, weight in weights_s.items() if weight > 0.0]
     if len(names) < _FEWEST_PARTS:
         return None
-    samples = [seen.sample([(1.0, name)]) for name in names]
-    weights_s = np.array([weight_s(one.realised, coded[0].wanted) for one in samples])[:, None]
     light, believed, late, early = (
-        np.stack(each) / weights_s
+        np.stack([one / weights_s[name] for name, one in zip(names, each, strict=True)])
         for each in (
-            [one.light for one in samples],
-            [one.realised.coaxial for one in samples],
+            [samples[name].light for name in names],
+            [samples[name].realised.coaxial for name in names],
             *([seen.decoded.crossed[name][side] for name in names] for side in (0, 1)),
         )
     )
