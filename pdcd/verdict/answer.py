@@ -4,11 +4,12 @@ light in it that belongs elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from pdcd.arrays import Floats
+from pdcd.pictures.picture import ErrorCause
 from pdcd.recipes.parts import FLOODLIT
 from pdcd.recipes.recipe import Extremes
 from pdcd.verdict.causes import Cause, Grade, VerdictFinding, judge
@@ -25,6 +26,13 @@ _FEWEST_CODES = 80
 """Codes of which a pilot and four parts can be made (`pdcd.planning.defaults`)."""
 _FREEDOM = 3.0
 """Degrees of freedom of a sigma that the fewest parts have measured."""
+_MOST_ERROR: Mapping[ErrorCause, str] = {
+    "codes": "the codes err on sharp light, as of mirrors; take more codes",
+    "maps": "light goes through the mask's wrong cells; run pdcd calibrate registration",
+    "timing": "direct light gets through as the panels switch; take full guards",
+    "stops": "it is not known well what two stops let through; take all photos at one stop",
+}
+"""What to say of error bars that come mostly from this."""
 
 
 def judge_answer(seen: Evidence) -> Iterator[VerdictFinding]:
@@ -40,7 +48,8 @@ def judge_answer(seen: Evidence) -> Iterator[VerdictFinding]:
     else:
         target = recipe.target
         if made.kind == "measured":
-            yield from judge_error_bars(image, sigma, sensor, target.cells)
+            most: ErrorCause = max(made.causes, key=lambda one: made.causes[one], default="codes")
+            yield from judge_error_bars(image, sigma, sensor, target.cells, most)
         if target.goal.name in _LIGHT:
             yield from judge_negative_light(image, sensor)
         if made.kind == "sensor":
@@ -73,10 +82,10 @@ def judge_noise(image: Floats, sigma: Floats, sensor: Floats) -> Iterator[Verdic
 
 
 def judge_error_bars(
-    image: Floats, sigma: Floats, sensor: Floats, cells: int
+    image: Floats, sigma: Floats, sensor: Floats, cells: int, most: ErrorCause = "codes"
 ) -> Iterator[VerdictFinding]:
     """What a measured sigma says of the whole answer; (n, C) each, of pixels in the field of
-    `cells` cells.
+    `cells` cells. most : what most of it comes from.
 
     The realised square error of few strong pixels scatters about what sigma leads one to expect,
     and sigma itself about its own mean. So the figure is one that is kept in 19 of 20 photos; a
@@ -97,7 +106,7 @@ def judge_error_bars(
     grade = max(min(row.grade(share), Grade.DOUBTFUL), row.grade(_over_the_rest(mean, power)))
     noise = _over_the_rest(float(np.mean(sensor[known] ** 2)), power)
     if grade > Cause.NOISE.value.grade(noise):
-        yield from judge(Cause.ERROR_BARS, share, grade)
+        yield from judge(Cause.ERROR_BARS, share, grade, why=_MOST_ERROR[most])
 
 
 def judge_negative_light(image: Floats, sensor: Floats) -> Iterator[VerdictFinding]:

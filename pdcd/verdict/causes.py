@@ -223,8 +223,7 @@ class Cause(Enum):
         "codes, or parts to measure it")
     # Over the light that is left without the error: at 1, half of the picture's power is error.
     ERROR_BARS = VerdictRow(0.3, 1.0,
-        "by its error bars the answer may be off by {figure} (RMS, limit {limit}): the codes err "
-        "on sharp light, as of mirrors; take more codes")
+        "by its error bars the answer may be off by {figure} (RMS, limit {limit}): {why}")
     # Light below zero shows as little as half of the error.
     BELOW_ZERO = VerdictRow(0.15, 1.0,
         "the answer has light below zero, which is an error: it is off by {figure} or more (RMS, "

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
+from pdcd.pictures.picture import ErrorCause
 from pdcd.verdict.answer import (
     judge_error_bars,
     judge_negative_light,
@@ -178,3 +179,13 @@ def test_a_pair_is_compared_where_both_are_known() -> None:
     assert grades(judge_pair_sum(sums, lit, variance)) == []
     variance[...] = np.inf
     assert grades(judge_pair_sum(sums, lit, variance)) == []
+
+
+@pytest.mark.parametrize(
+    ("most", "words"), [("codes", "take more codes"), ("maps", "pdcd calibrate registration")]
+)
+def test_error_bars_name_what_they_come_from(most: ErrorCause, words: str) -> None:
+    """Whoever is told to take more codes, where the mask is blurred, takes them in vain."""
+    image = np.ones((400, 3))
+    (found,) = judge_error_bars(image, 0.6 * image, 0.0 * image, 100, most)
+    assert words in found.text

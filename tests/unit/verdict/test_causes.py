@@ -65,7 +65,7 @@ def test_a_finding_tells_its_figure_and_the_limit_from_which_it_counts() -> None
     assert found.text.startswith("shot white: 20 % of the field is saturated (limit 0.2 %); ")
     (found,) = judge(Cause.NO_LIGHT, 2.5, shot="a")
     assert "its mean is 2.5 times its error (limit 5)" in found.text
-    (found,) = judge(Cause.ERROR_BARS, np.inf)
+    (found,) = judge(Cause.ERROR_BARS, np.inf, why="")
     assert "off by as much as all that it shows (RMS" in found.text
     (found,) = judge(Cause.EXPOSURE_TIMES, 2, shots="shot a", conflict="it took long")
     assert found.text.startswith("shot a: it took long (limit the larger of 1.1 s and 25 %); ")
