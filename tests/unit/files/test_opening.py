@@ -230,14 +230,14 @@ def test_a_pipe_is_read_to_its_end_within_a_time_and_a_limit(tmp_path: Path) -> 
     os.mkfifo(pipe)
     for data, most, words in ((b"x" * 100_000, 100_000, ""), (b"x" * 9, 8, "more than the 8")):
         writer = threading.Thread(target=write_until_closed, args=(pipe, data))
-        writer.start()
-        with none_left_open():
+        with none_left_open():  # its writer, of this process, included
+            writer.start()
             if words:
                 with pytest.raises(UnsoundFileError, match=words):
                     read_pipe(pipe, most, 10.0)
             else:
                 assert read_pipe(pipe, most, 10.0) == data
-        writer.join()
+            writer.join()
     with none_left_open(), pytest.raises(UnsoundFileError, match="nobody writes"):
         read_pipe(pipe, 8, 0.05)
 
