@@ -13,12 +13,18 @@ from typing import Annotated
 
 import msgspec
 
+from pdcd.errors import ExposureError
+
 _NEAR = 0.03
 """A number so close to 2^(k/6) stands for it: engraved ones are at most 2.4 % off. Half stops and
 what is typed freely lie further away, and stay what they are."""
 STOP_SIGMA = 0.04
 """Standard deviation of the light of a stop that nobody measured, relative: f-numbers are true to
 2 %, and light goes with their square."""
+
+
+_SAME = 0.06
+"""Share by which two f-numbers may differ and be of the same stop."""
 
 
 class Stop(msgspec.Struct, frozen=True):
@@ -58,3 +64,30 @@ class AbsoluteScale(msgspec.Struct, frozen=True):
 
     source: str
     sigma: Annotated[float, msgspec.Meta(ge=0.0)] | None = None
+
+
+def are_same_stop(one: float, other: float) -> bool:
+    """Whether two f-numbers may be what a file and a person call the same stop."""
+    return abs(one / other - 1.0) <= _SAME
+
+
+def refuse_other_settings(
+    file: str, said: tuple[int, float | None], iso: int, f_number: float
+) -> None:
+    """Raise ExposureError for a photo that was taken at another ISO or stop than was asked for, by
+    what its file says: light and noise would be computed by the wrong one.
+
+    said : ISO and f-number; 0 and None of a file that says nothing.
+    """
+    if said[0] and said[0] != iso:
+        raise ExposureError(
+            f"{file} was taken at ISO {said[0]}, not at ISO {iso}",
+            device="camera",
+            hint="switch the camera's automatic ISO off, or ask for the ISO that is set",
+        )
+    if said[1] and not are_same_stop(said[1], f_number):
+        raise ExposureError(
+            f"{file} was taken at f/{said[1]:g}, not at f/{f_number:g}",
+            device="camera",
+            hint="set the camera to manual, and the lens as camera.f_number says",
+        )

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
+from pdcd.bench.stops import are_same_stop
 from pdcd.errors import CalibrationError
 from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import RawFrame, compute_colour_variance, to_colours
@@ -233,7 +234,8 @@ def check_camera_settings(
                 device="camera",
                 hint="switch the camera's automatic ISO off, or ask for the ISO that is set",
             )
-        if f_number is not None and said.f_number and abs(said.f_number / f_number - 1.0) > 0.06:
+        told = said.f_number
+        if f_number is not None and told and not are_same_stop(told, f_number):
             raise CalibrationError(
                 f"photo {name} was taken at f/{said.f_number:g}, not at f/{f_number:g}",
                 device="camera",

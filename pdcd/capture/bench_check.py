@@ -19,6 +19,7 @@ from pdcd.bench.devices import CameraInfo, DriverContext, Finding, Readout, faul
 from pdcd.bench.measured import compute_age_days, parse_calibration_name
 from pdcd.bench.placed import make_camera_map
 from pdcd.bench.registry import load_driver, name_driver_errors
+from pdcd.bench.stops import are_same_stop
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.capture.job import Journal
 from pdcd.capture.rig import Rig
@@ -32,8 +33,6 @@ _COLOURS, _UNITS = {1: "no colours", 3: "colours"}, {1: "pixels", 3: "quads"}
 _DAY = 1.0
 _SESSION_DAYS = 1.0 / 24.0
 """A check that is so old is none of this session's, with `check = "always"`."""
-_SAME_STOP = 0.06
-"""Share by which two f-numbers may differ and be of the same stop."""
 
 
 @dataclass
@@ -100,27 +99,6 @@ class FrameCheck:
     def _check(self, frame: tuple[int, int]) -> None:
         if self.grid is not None:
             check_frame(self.config, frame, self.grid, cut=self.cut)
-
-
-def refuse_other_settings(file: str, head: RawHead, iso: int, f_number: float) -> None:
-    """Raise ExposureError for a photo that was taken at another ISO or stop than was asked for, by
-    what its file says: light and noise would be computed by the wrong one."""
-    if head.iso and head.iso != iso:
-        raise ExposureError(
-            f"{file} was taken at ISO {head.iso}, not at ISO {iso}",
-            device="camera",
-            hint="switch the camera's automatic ISO off, or ask for the ISO that is set",
-        )
-    if head.f_number and _differ(head.f_number, f_number):
-        raise ExposureError(
-            f"{file} was taken at f/{head.f_number:g}, not at f/{f_number:g}",
-            device="camera",
-            hint="set the camera to manual, and the lens as camera.f_number says",
-        )
-
-
-def _differ(one: float, other: float) -> bool:
-    return abs(one / other - 1.0) > _SAME_STOP
 
 
 def check_frame(
@@ -239,7 +217,7 @@ def find_calibration_doubts(config: Config, rig: Rig, iso: int) -> Iterator[str]
     if "camera.profile" in record.measured and seen.iso != iso:
         yield f"calibration {record.name} measured the sensor at ISO {seen.iso}, not at ISO {iso}"
     fixed = config.camera.f_number
-    if fixed != "auto" and seen.f_number is not None and _differ(fixed, seen.f_number):
+    if fixed != "auto" and seen.f_number is not None and not are_same_stop(fixed, seen.f_number):
         yield f"calibration {record.name} was taken at f/{seen.f_number:g}, not at f/{fixed:g}"
     yield from _left_out(record, folder)
     yield from _bad_later(record, folder, config)

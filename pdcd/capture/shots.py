@@ -12,8 +12,9 @@ import numpy as np
 
 from pdcd.bench.devices import RawFile
 from pdcd.bench.exposure_time import describe_time_conflict, planned_open_s
+from pdcd.bench.stops import refuse_other_settings
 from pdcd.bench.tables import Config
-from pdcd.capture.bench_check import FrameCheck, refuse_other_settings
+from pdcd.capture.bench_check import FrameCheck
 from pdcd.capture.exposure import RigExposure
 from pdcd.capture.job import Journal
 from pdcd.capture.rig import Rig
@@ -206,7 +207,8 @@ class ShotTaker:
         file, watch = self._file(done.raw), self.journal.job.watch()
         head = self.worker.do(watch, Worker.look, file, done.raw.sha256, held)
         self.check.saw(file, head)
-        refuse_other_settings(file, head, wanted.settings.iso, wanted.f_number)
+        said = head.iso, head.f_number
+        refuse_other_settings(file, said, wanted.settings.iso, wanted.f_number)
         doubt = describe_time_conflict(self._planned_s(wanted, done), done.open_s, head.exposure_s)
         return done, doubt
 

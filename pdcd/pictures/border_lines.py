@@ -4,8 +4,8 @@ one cell through the mask of the next.
 No scene knows where cells end, so a photo without such light has no lines there. Their height,
 over the direct light beside them, is how far light is blurred on its way to the mask, or how far
 the mask lies elsewhere, beyond what was known and taken out. Thousands of borders tell it together:
-much less than photos of blocks can (`pdcd.pictures.block_blur`), but only of whole cells, and in
-the photo itself.
+far more finely than photos of blocks can (`pdcd.pictures.block_blur`), but only of whole cells, and
+in the photo itself.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pdcd.arrays import Bools, Floats
 from pdcd.bench.exposure_time import describe_time_conflict
 from pdcd.bench.placed import place_panels
-from pdcd.bench.stops import Stop, stop_of
+from pdcd.bench.stops import Stop, refuse_other_settings, stop_of
 from pdcd.errors import DecodeError
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import Patterns, make_empty_patterns
@@ -104,6 +104,13 @@ class Darkroom:
         arrays = {k[5:]: array for k, array in self._stored.items() if k.startswith("goal.")}
         self._recipe = make_recipe(make_target(record.goal, record.grid, arrays), record.how)
         self._planned = {shot.name: shot for shot in self._recipe.shots}
+        self._of_indirect = {
+            name
+            for photo in self._recipe.photos
+            if photo.wanted.uniform == (0.0, 1.0)
+            for sign, name in photo.shots
+            if sign > 0.0
+        }
 
     def coarsen(self, side: int) -> None:
         """Make pictures of squares of `side` x `side` quads: less to see, in less time. Before
@@ -124,9 +131,11 @@ class Darkroom:
 
         frames, log : as frames.csv would give them back
         (`pdcd.runs.frame_table.restore_frames`). Raises DecodeError, also where the camera exposed
-        for another time than was planned, and then all is as it was.
+        for another time than was planned, and ExposureError for another ISO or stop; then all is as
+        it was.
         """
         raw, repeated = self._read(shot), self._repeated
+        refuse_other_settings(shot.raw, (raw.iso, raw.f_number), shot.iso, shot.f_number)
         open_s = shot.open_s
         if doubt := describe_time_conflict(shot.planned_s or open_s, open_s, raw.exposure_s):
             raise DecodeError(doubt)
@@ -369,8 +378,9 @@ class Darkroom:
             pair = self._pair(self._planned[shot.name])
             frames, log = self._table.of(shot, pair, grid=self._record.grid)
             alive()
+            crossed = shot.name in self._of_indirect
             self._matrices[shot.name] = compute_shot_matrix(
-                self._record, shot, frames, log, alive, crossed=True
+                self._record, shot, frames, log, alive, crossed=crossed
             )
         return self._matrices[shot.name]
 

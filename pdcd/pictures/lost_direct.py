@@ -78,7 +78,7 @@ def estimate_lost_direct(
     found = _compute_lost(record, window, _sure(offset, record, look), spread)
     if not (blurred and look.border_px):
         return found
-    lines = _compute_lost(record, window, np.zeros((1, 2)), _lines_px(record, look))
+    lines = _compute_lost(record, window, np.zeros((1, 2)), blur_with_lines_px(record, look))
     return max(found, lines, key=lambda one: one.rms)
 
 
@@ -128,7 +128,7 @@ def estimate_lost_by_quad(
         record, window, cells, places + offset, offset, _spread_px(record, look)
     )
     if look.border_px:
-        none, lines_px = np.zeros_like(offset), _lines_px(record, look)
+        none, lines_px = np.zeros_like(offset), blur_with_lines_px(record, look)
         lines = _compute_lost_squares(record, window, cells, places, none, lines_px)
         square = np.maximum(square, lines)
     smear = float(np.hypot(cells.blur_quads, _UNSURE_QUADS))
@@ -191,7 +191,7 @@ def _spread_px(record: RunRecord, look: PanelLook) -> float:
     return float(np.hypot(max(record.mask.blur_px, look.blur_px), look.rest_px))
 
 
-def _lines_px(record: RunRecord, look: PanelLook) -> float:
+def blur_with_lines_px(record: RunRecord, look: PanelLook) -> float:
     """Blur on the mask that makes the lines along borders of cells, too."""
     return float(np.hypot(record.mask.blur_px, look.border_px))
 

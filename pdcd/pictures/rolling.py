@@ -82,7 +82,7 @@ class RollingPictures:
         return min(self._over, len(self._newest))
 
     def renew(self, shot: ShotRecord, frames: Frames, log: FrameLog) -> None:
-        """A shot was taken again; arguments as of `Darkroom.renew`. Raises DecodeError."""
+        """A shot was taken again; arguments and errors as of `Darkroom.renew`."""
         self._darkroom.renew(shot, frames, log)
 
     def picture(self, part: int, alive: Callable[[], None]) -> PictureWithErrors:

@@ -3,8 +3,8 @@
 Where the mask is later or earlier than believed, each of its codes meets the one before or after it
 on the projector as well. How often a cell is then lit through its own mask differs from part to
 part, by the order of its codes, which is known. The scene is the same in all parts, and the chance
-of codes has another order: so direct light that gets past the codes is told to a thousandth of it,
-however little the scene is known.
+of codes has another order: so direct light that gets past the codes is told to a few
+thousandths of it, however little the scene is known.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
-from pdcd.pictures.combine import list_white_photos
 from pdcd.probing.deviation import weight_s
 from pdcd.verdict.evidence import Evidence, compute_rms
 
@@ -40,9 +39,7 @@ class CrossedLight:
 def measure_crossed_light(seen: Evidence) -> CrossedLight | None:
     """By the parts of a photo of all indirect light, beside a white one; None where these do not
     tell, or codes meet. For the verdict on panels."""
-    white = [
-        p for p in seen.decoded.recipe.photos if p.name in list_white_photos(seen.decoded.recipe)
-    ]
+    white = [p for p in seen.decoded.recipe.photos if p.wanted.uniform == (1.0, 1.0)]
     coded = [p for p in seen.photos if p.wanted.uniform == (0.0, 1.0)]
     if not white or not coded:
         return None

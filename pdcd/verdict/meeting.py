@@ -5,7 +5,7 @@ The realised matrix goes by what is believed of the panels' times. Of a mask tha
 says that codes meet, while direct light gets past them: it is missing in the picture of direct
 light, and added to that of indirect light, for all points and in all parts alike. What tells it:
 
-- *how parts differ* (`pdcd.verdict.crossed`), to a thousandth of it, where there are parts;
+- *how parts differ* (`pdcd.verdict.crossed`), to a few thousandths of it, where there are parts;
 - *single codes through an open mask*, as of a pilot: a cell is bright when its own projector cell
   is. They tell direct light to a few hundredths;
 - *blocks on the projector*, which stand still (`pdcd.pictures.misplaced`). Light from near counts

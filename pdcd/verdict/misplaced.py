@@ -12,6 +12,7 @@ from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
 from pdcd.pictures.lost_direct import (
     LostDirectLight,
+    blur_with_lines_px,
     estimate_lost_direct,
     find_quads_beside_mask,
     finding_error_px,
@@ -93,7 +94,7 @@ def _judge_look(
     placed = judge_mask_place(look, record.mask, size_px, lost, share(lost), cell_px, unsure_px)
     yield from placed
     known_px = record.mask.blur_px
-    by_lines_px = 0.0 if placed else float(np.hypot(known_px, look.border_px))
+    by_lines_px = 0.0 if placed else blur_with_lines_px(record, look)
     blur_px = max(look.blur_px, by_lines_px)  # a mask that lies elsewhere makes such lines, too
     if blur_px > known_px and look.upright:
         lost = estimate_lost_direct(record, window)

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
-from pdcd.capture.bench_check import refuse_other_settings
 from pdcd.capture.worker.answers import AdoptedPlan, PhotoOrder, compute_rms_sigma
 from pdcd.capture.worker.plan_owner import Course
 from pdcd.errors import DecodeError, ExposureError, disk_errors
@@ -125,8 +124,6 @@ class StreamCourse:
             shelf.hold(path, data)
         try:
             for shot in photo.shots:
-                head = shelf.read_head(shot.raw)
-                refuse_other_settings(shot.raw, head, shot.iso, shot.f_number)
                 self._rolling.renew(shot, *restore_frames(self._frames[shot.name], photo.log))
         except (DecodeError, ExposureError) as err:
             for path, old in before.items():
