@@ -164,6 +164,8 @@ def compute_factors(
                 right = whole
             met_here = exposed.through(right, side, gates, start, stop)
             yield _chunk(lattice, right, met_here, finely, blur, beams, first=number == 0)
+        for side in sides:
+            side.track.forget(stop)
         for gate in gates:
             gate.track.forget(exposed.first_met(gate, sides, stop))
 

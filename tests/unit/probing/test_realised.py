@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -202,6 +204,21 @@ def test_many_chunks_and_low_rank_agree(monkeypatch: pytest.MonkeyPatch) -> None
     assert one[-1] < many[-1]
     for a, b in zip(one[:-1], many[:-1], strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-13)
+
+
+def test_memory_does_not_grow_with_the_number_of_codes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pdcd.probing.realised.FIELD_CHUNK_BYTES", 2**14)
+    primal, dual = PANELS["uneven"]
+    peaks = []
+    for count in (16, 128):
+        frames = frames_for("quarter", "full", count=count, grid=(12, 16))
+        log = log_for(frames)
+        tracemalloc.start()
+        for _ in compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log)):
+            pass
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.5 * peaks[0]
 
 
 def test_black_level_shots_leave_the_codes_alone() -> None:
