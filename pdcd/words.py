@@ -80,7 +80,7 @@ NOTE_WORDS = "up to 4096 characters that can be printed, in lines"
 
 SIGMA_KINDS = {
     "measured": "measured by the spread of parts",
-    "sensor": "noise of the sensor; what the codes err is not in them",
-    "whole": "noise of the sensor; there are no codes that err",
+    "sensor": "noise of the sensor; the error of the codes is not in them",
+    "whole": "noise of the sensor; there is no error of codes",
 }
 """What sigma has beside the noise, for people."""

@@ -42,7 +42,7 @@ _COARSE = 1.45
 do."""
 _MANY = 400
 """Quads in a cell, or in half of one, from which those that see another as well do not count: they
-lessen what the codes err by 1 % or less."""
+lessen the error of the codes by 1 % or less."""
 SMEARED = 3.0
 """Standard deviations of a blur that count as smeared."""
 

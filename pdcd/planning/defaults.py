@@ -387,7 +387,7 @@ def _parts(codes: int, config: Config, costs: _Costs) -> tuple[int, int, str]:
         )
         return used, parts, text
     why = _one_exposure(codes, costs)
-    return codes, 1, f"one exposure, as {why}; what the codes err is not in the error bars"
+    return codes, 1, f"one exposure, as {why}; the error of the codes is not in the error bars"
 
 
 def _one_exposure(codes: int, costs: _Costs) -> str:

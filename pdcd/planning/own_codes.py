@@ -175,7 +175,7 @@ class OwnCodes:
                 "order; their spread measures the error where codes of each err independently"
             )
         else:
-            yield "parts: one exposure; what the codes err is not in the error bars"
+            yield "parts: one exposure; the error of the codes is not in the error bars"
 
     def _describe_error(self, recipe: Recipe) -> str:
         """What they are, and what they err by. Raises RequestError."""

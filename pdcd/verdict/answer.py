@@ -27,7 +27,7 @@ _FEWEST_CODES = 80
 _FREEDOM = 3.0
 """Degrees of freedom of a sigma that the fewest parts have measured."""
 _MOST_ERROR: Mapping[ErrorCause, str] = {
-    "codes": "the codes err on sharp light, as of mirrors; take more codes",
+    "codes": "codes have large errors on sharp light, such as that of mirrors; take more codes",
     "maps": "light goes through the mask's wrong cells; run pdcd calibrate registration",
     "timing": "direct light gets through as the panels switch; take full guards",
     "stops": "it is not known well what two stops let through; take all photos at one stop",

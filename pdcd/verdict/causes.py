@@ -227,7 +227,7 @@ class Cause(Enum):
     # Light below zero shows as little as half of the error.
     BELOW_ZERO = VerdictRow(0.15, 1.0,
         "the answer has light below zero, which is an error: it is off by {figure} or more (RMS, "
-        "limit {limit}); the codes err on other light, which is much stronger than the wanted "
+        "limit {limit}); it comes from other light, which is much stronger than the wanted "
         "light; take more codes")
     # 16 codes have 0.25, 100 of them 0.1; codes that leave no error less than 0.003.
     CODES_UNMEASURED = VerdictRow(0.1, NEVER,

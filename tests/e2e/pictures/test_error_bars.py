@@ -133,7 +133,7 @@ def test_few_codes_are_one_exposure_and_it_is_said_that_they_may_err(tmp_path: P
     assert isinstance(quality, Quality) and quality.verdict == "doubtful"
     assert any(text.startswith("codes are not in the error bar") for text in quality.reasons)
     reasons = read_manifest(Path(str(result.folder))).plan["reasons"]
-    assert any("what the codes err is not in the error bars" in reason for reason in reasons)
+    assert any("the error of the codes is not in the error bars" in reason for reason in reasons)
 
 
 @pytest.mark.parametrize(

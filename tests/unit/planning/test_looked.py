@@ -134,8 +134,8 @@ def test_a_plain_request_has_two_plans_with_the_same_reasons() -> None:
         ({"pilot": "auto", "codes": 64}, (64, 16, 1), "1 of 60 where"),
         ({"parts": "auto", "pilot": 16}, (None, 16, 7), "7 exposures of 16 codes"),
         ({"pilot": 0, "codes": 64}, (64, 0, 4), "4 exposures of 16 codes"),
-        ({"codes": 64}, (64, 16, 1), "what the codes err is not in the error bars"),
-        ({"codes": 63}, (63, 0, 1), "what the codes err is not in the error bars"),
+        ({"codes": 64}, (64, 16, 1), "the error of the codes is not in the error bars"),
+        ({"codes": 63}, (63, 0, 1), "the error of the codes is not in the error bars"),
     ],
 )
 def test_codes_pilot_and_parts_that_are_left_open(

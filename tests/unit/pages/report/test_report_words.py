@@ -150,7 +150,7 @@ def test_the_note_below_the_pictures_says_what_they_are(
         text = shown(manifest(**fields), material({"data": [], **made}, kind=kind))
         told = text[text.index("Scene units:") : text.index('<section id="matrix"')]
         assert there in told and not_there not in told
-        assert ("What the codes err is not in it" in told) == (kind == "sensor")
+        assert ("The error of the codes is not in it" in told) == (kind == "sensor")
 
 
 def test_data_ends_no_element_and_has_no_value_that_is_no_number() -> None:
