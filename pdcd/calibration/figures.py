@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 ROOM_GOOD, ROOM_MOST = 0.075, 0.2
-"""Light of the room over the projector's white that every step takes out, and that none is tried
-with."""
+"""Light of the room over the projector's white: up to the first, every step subtracts it; beyond
+the second, no step is tried."""
 
 
 def describe_room_light(share: float) -> str:
-    """What to say of light of the room that is such a share of the projector's white."""
+    """What to say where the light of the room is this share of the projector's white."""
     return f"room light is {100.0 * share:.2g} % of white: darken the room"
 
 

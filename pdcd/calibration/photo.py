@@ -1,7 +1,7 @@
-"""One photo of a calibration as its quads, and what is wrong with it before any figure is made.
+"""One photo of a calibration as its quads, and checks for what is wrong with it.
 
-Lens caps, shutters that stay closed, clipped light and settings that somebody turned are told here
-once, for all steps that work on the light of whole panels.
+Lens caps, shutters that stay closed, clipped light and settings that somebody turned are recognised
+here, for all steps that use the light of whole panels.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _CLIPPED_SHARE = 1e-3
 """Share of saturated quads from which a photo is over-exposed; hot pixels stay below it."""
 NO_LIGHT_SIGMAS = 8.0
 BLACK_MOVES_DN = 1.5
-"""Black levels of one series lie closer together; a border of 100 000 samples knows its mean to
+"""Largest spread of black levels within a series; a border of 100 000 samples measures its mean to
 0.05 DN."""
 _BULB_S = 1.5
 """Cameras write the time of a bulb exposure in whole seconds."""
@@ -38,13 +38,13 @@ _BULB_S = 1.5
 
 @dataclass(frozen=True, eq=False)
 class QuadPhoto:
-    """One photo, or the mean of some.
+    """One photo, or the mean of several.
 
     light : (h, w, 3) float64, red, mean of both greens, blue of each Bayer quad, or (h, w, 1) of a
-        sensor without colours; black level taken off, in DN or any other unit that goes with the
+        sensor without colours; black level subtracted, in DN or any other unit proportional to
         light.
-    variance : (h, w, C), of the same, in that unit squared.
-    saturated : (h, w) bool, quads with a sample at its upper end; None where that is not known.
+    variance : (h, w, C), of the light, in that unit squared.
+    saturated : (h, w) bool, quads with a saturated sample; None where that is not known.
     """
 
     light: Floats
@@ -81,7 +81,7 @@ class QuadPhoto:
 
     @property
     def shares(self) -> Floats:
-        """(C,), of the samples of a quad that have each colour."""
+        """(C,), share of a quad's samples in each colour."""
         return np.array([0.25, 0.5, 0.25] if self.colours == 3 else [1.0])
 
     def saturated_share(self, where: _Marks | None = None) -> float:
@@ -116,13 +116,14 @@ class RawSettings:
 
     @classmethod
     def of(cls, raw: RawFrame) -> RawSettings:
-        """What a decoded photo says; its black level only where a masked border measured it."""
+        """The settings of a decoded photo; its black level only where a masked border measured
+        it."""
         black = tuple(float(b) for b in raw.black) if raw.masked else ()
         return cls(raw.iso, raw.exposure_s, raw.f_number, black)
 
 
 def pick_main(of_colours: Sequence[_OfColour]) -> _OfColour:
-    """That of the colour by which things are found: green, which has most samples, or the only
+    """The one of the colour by which things are found: green, which has most samples, or the only
     one."""
     return of_colours[len(of_colours) // 2]
 
@@ -136,7 +137,8 @@ def make_quad_photo(raw: RawFrame, profile: SensorProfile, iso: int) -> QuadPhot
 
 
 def shrink_marks(marks: _Marks) -> _Marks:
-    """Marked blocks whose neighbours are marked, too; beyond the frame all is as at its edge."""
+    """Marked blocks whose neighbours are marked, too; blocks beyond the frame count as its edge
+    does."""
     return np.asarray(cv2.erode(marks.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
 
 
@@ -154,7 +156,7 @@ def check_blocks_in_frame(frame: tuple[int, ...], side: int = BLOCK_QUADS) -> tu
 
 
 def average_blocks(values: Floats, side: int = BLOCK_QUADS) -> Floats:
-    """(h, w, ...) -> (h // side, w // side, ...): means of blocks; a rest at the edges is left out.
+    """(h, w, ...) -> (h // side, w // side, ...): means of blocks; incomplete ones are left out.
 
     Raises CalibrationError where there is not one block.
     """

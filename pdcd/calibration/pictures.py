@@ -1,4 +1,4 @@
-"""Pictures to set a bench up by, to look at with the eye: of a panel's own pixels.
+"""Pictures by which a bench is set up and judged by eye, drawn on a panel's own pixels.
 
 Levels are 0..1, (height, width) each; row 0 is at the top. `docs/bench-bringup.md` says what each
 is for.
@@ -20,7 +20,8 @@ WEDGE_LEVELS = 17
 _SPOKES = 36
 """Dark and bright pairs of a focus star."""
 _STAR_SHARE, _CORE_PX = 0.3, 8.0
-"""Diameter of a star, of the panel's height; and where its spokes would blur on any panel."""
+"""Diameter of a star over the panel's height; radius at which its spokes would blur on any
+panel."""
 _DOT_PITCH_PX, _DOT_RADIUS_PX = 32, 6.0
 POSITIONS = 32
 """Places of what moves, over the width of a panel."""
@@ -72,7 +73,7 @@ def draw_dot_grid(size: _Size) -> _Levels:
 
 
 def draw_letter(size: _Size) -> _Levels:
-    """A large F: it tells a mirrored or turned panel at a glance."""
+    """A large F: a mirrored or turned panel is seen at a glance."""
     width, height = size
     x, y = _raster(size)
     across, down = (x + 0.5 - 0.5 * width) / height, (y + 0.5) / height
@@ -89,7 +90,7 @@ def _edges(size: _Size) -> list[_Levels]:
 
 
 def draw_bars(size: _Size) -> list[_Levels]:
-    """A bar that moves by its width a refresh: a photo shows how many refreshes it saw. Every
+    """A bar that moves by its width each refresh: a photo shows how many refreshes it caught. Every
     eighth place is taller."""
     x, y = _raster(size)
     found = []
@@ -102,7 +103,7 @@ def draw_bars(size: _Size) -> list[_Levels]:
 
 
 def flash(size: _Size) -> list[_Levels]:
-    """One bright refresh, and then none for as long as the eye can tell flashes apart."""
+    """One bright refresh, then black for long enough that the eye sees separate flashes."""
     width, height = size
     return [np.full((height, width), float(k == 0)) for k in range(FLASH_EVERY)]
 

@@ -26,15 +26,15 @@ _STYLE: Any = {
     "ytick.labelsize": 10,
     "legend.fontsize": 10,
 }
-"""Sizes of letters, to be read in a picture of half its width."""
+"""Font sizes that can be read in a picture of half its width."""
 PLOT_BLUE, PLOT_RED, PLOT_GREEN, PLOT_GREY = "#0072b2", "#d55e00", "#009e73", "0.6"
-"""Told apart by people who do not tell red from green, too (the colours of Okabe and Ito)."""
+"""Colours that people who do not distinguish red from green can tell apart, too (Okabe and Ito)."""
 PLOT_CHANNELS = ((PLOT_RED, "o"), (PLOT_GREEN, "s"), ("#004d38", "D"), (PLOT_BLUE, "^"))
 """Colour and marker of red, both greens, blue."""
 _MOST_ARROWS = 900
-"""Vectors that are drawn of a field; more would cover each other."""
+"""Vectors of a field that are drawn, at most; more would cover each other."""
 _LONGEST = 0.06
-"""Length of an arrow that only 5 % exceed, over the width of its box."""
+"""95th percentile of the arrows' lengths, over the width of their box."""
 _ROUND = (1.0, 2.0, 5.0, 10.0)
 """First digits of measures and of enlargements."""
 
@@ -77,9 +77,9 @@ class ArrowField(NamedTuple):
 
 
 def draw_arrows(figure: Any, fields: Sequence[ArrowField], *, text_below: bool = False) -> None:
-    """Fields of vectors side by side, so much enlarged that they can be seen, with a measure; of
-    many vectors some, evenly. All have one scale; a field of much smaller ones is enlarged by so
-    many times more, which is said. `text_below` leaves room for lines of words."""
+    """Draw fields of vectors side by side, enlarged so that they can be seen, with a scale; where
+    there are many, an even selection. All fields share one scale; a field of much smaller vectors
+    is enlarged further, which its text says. `text_below` leaves room for lines of words."""
     figure.set_size_inches(_INCHES[0], _INCHES[1] if text_below else 0.75 * _INCHES[1])
     shown = [_take_finite(field) for field in fields]
     usual = [float(np.quantile(np.hypot(*v.T), 0.95)) if len(v) else 0.0 for _, v in shown]
@@ -104,7 +104,7 @@ def draw_arrows(figure: Any, fields: Sequence[ArrowField], *, text_below: bool =
 
 
 def _take_finite(field: ArrowField) -> tuple[Floats, Floats]:
-    """Places and vectors that are numbers."""
+    """Places and vectors that are finite."""
     good = np.isfinite(field.places + field.vectors_px).all(axis=-1)
     return field.places[good], field.vectors_px[good]
 

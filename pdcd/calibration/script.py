@@ -31,18 +31,23 @@ from pdcd.sensor.raw import RawFrame
 from pdcd.words import MarksName, SubjectName
 
 FIELD = "projector.field_px"
-"""Where the field lies, in the words of the configuration."""
+"""Key of the field's place in the configuration."""
 _COMPARED, _REFERENCE = {"sensor", "light", "geometry", "timing", "registration"}, "check."
-"""Steps whose findings a check compares with, and what its arrays begin with: they tell of what was
-calibrated when its first look was taken."""
+"""Steps whose results a check compares with; after one of them, the arrays whose names begin with
+this are outdated, for they show the bench as it was calibrated before."""
 
 
 @dataclass(frozen=True, eq=False)
 class PhotoRequest:
-    """One photo. iso, f_number : None is the session's own. covered : with the projector's lens
-    covered, which somebody was asked for before; a mock bench does it by itself. moving : for a
-    shutter that moves while the panels show it; usually it moves before and after that. counted :
-    its refreshes are a measure, and none may be late, whatever rig.on_miss says."""
+    """One photo.
+
+    iso, f_number : None is the session's own.
+    covered : with the projector's lens covered, which a person was asked for before; a mock bench
+        does it by itself.
+    moving : for a shutter that moves while the panels show the photo; usually it moves before and
+        after that.
+    counted : its refreshes are a measure, and none may be late, whatever rig.on_miss says.
+    """
 
     shown: PanelSequence
     iso: int | None = None
@@ -56,8 +61,7 @@ class PhotoRequest:
 class UserPrompt:
     """Something that a person has to do before the next photo, in one sentence.
 
-    now, best : where a number is to be made as large as it can be, what it is and the largest so
-        far.
+    now, best : where a number is to be maximised, its value and the largest so far.
     """
 
     text: str
@@ -69,10 +73,10 @@ class UserPrompt:
 class CalibrationPhoto:
     """One photo as it came.
 
-    raw : decoded samples. log : when the panels showed what. open_ns, close_ns : when the shutter
-        was surely open, and surely closed: `TriggerConfig.sure_ns` of the configuration after it
-        was told so. iso : as asked for. level : light over what was planned, of refreshes that came
-        late (`PhotoRecord.level`).
+    raw : decoded samples. log : when the panels showed what.
+    open_ns, close_ns : when the shutter was surely open, and surely closed: `TriggerConfig.sure_ns`
+        of the configuration after the commands. iso : as asked for.
+    level : light over what was planned, where refreshes came late (`PhotoRecord.level`).
     """
 
     name: str
@@ -90,7 +94,7 @@ class CalibrationPhoto:
 
     @property
     def ran(self) -> PhotoLog:
-        """When it was, for the estimators of times."""
+        """When the photo was taken, for the estimators of times."""
         return PhotoLog(self.log, self.open_ns, self.close_ns)
 
     @property
@@ -111,10 +115,10 @@ class ConfigValue:
 class StepOutcome:
     """What a step found.
 
-    figures : each with limit and verdict. words : by key of the configuration.
-    maps : by device; they become the places of these devices. arrays : for steps and checks to
-        come, by name. profile : text of a sensor profile. advice : what to do, a sentence each.
-    picture : draws what is to be looked at (`pdcd.calibration.preview`).
+    figures : each with limit and verdict. words : values by key of the configuration.
+    maps : by device; they become the places of these devices. arrays : for later steps and checks,
+        by name. profile : a sensor profile. advice : what to do, a sentence each.
+    picture : draws a preview for people to look at (`pdcd.calibration.preview`).
     """
 
     figures: tuple[MeasuredFigure, ...] = ()
@@ -139,16 +143,16 @@ StepScript = Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, StepO
 class CalibrationSession:
     """What is known of the bench so far; steps read it, and `learn` adds to it.
 
-    config : the belief, with what was measured in the place of what was typed; places and maps are
-        those on the projector's whole picture, wherever in it the field lies (`field_px`).
+    config : the configuration in use, in which measured values replace typed ones; places and maps
+        are those on the projector's whole picture, wherever in it the field lies (`field_px`).
     iso, f_number : of the photos; f_number None where the lens is not set from here.
-    full : refreshes of white light after which the brightest part of a photo is at `FULL` of
-        saturation; 0 before it was metered.
+    full : refreshes of white light after which the brightest part of a photo is at `FULL_SHARE` of
+        saturation; 0 before metering.
     arrays : of steps so far, and of the calibration before.
-    helped : whether what is asked of a person (`UserPrompt`) is done.
-    subject : what is in front of the camera. marks : what the geometry is to show.
-    behind_rows : rows by which the mask is to be sent its pictures later than the display does: it
-        takes what was measured from its next start on.
+    helped : whether somebody does what a person is asked for (`UserPrompt`).
+    subject : what is in front of the camera. marks : what the geometry step shows.
+    behind_rows : rows by which the mask's pictures must be sent later than the display does: the
+        display uses a measured delay only after its next start.
     field_px : the field in the projector's picture; None: all of it.
     """
 
@@ -173,7 +177,7 @@ class CalibrationSession:
 
     @property
     def on_field(self) -> Config:
-        """The belief of captures: with the field where it lies."""
+        """The configuration of captures: with the field where it lies."""
         return with_values(self.config, {FIELD: self.field_px}, {})
 
     @property
@@ -187,7 +191,7 @@ class CalibrationSession:
         return self.config.projector.size_px, self.config.mask.size_px
 
     def photo(self, taken: CalibrationPhoto) -> QuadPhoto:
-        """A photo as its quads, in DN of the light that was planned."""
+        """A photo as its quads, in DN, scaled to the light that was planned."""
         photo = make_quad_photo(taken.raw, self.profile, taken.iso)
         if taken.level == 1.0:
             return photo
@@ -195,7 +199,7 @@ class CalibrationSession:
         return replace(photo, light=photo.light / level, variance=photo.variance / level**2)
 
     def found(self, device: str) -> Map:
-        """The map of a device to the field, out of a calibration.
+        """The measured map of a device to the field.
 
         Raises CalibrationError where none was measured.
         """
@@ -209,12 +213,13 @@ class CalibrationSession:
         return map_
 
     def in_step(self, shown: PanelSequence) -> PanelSequence:
-        """A photo that shows what it is meant to, although the display does not know yet how late
-        the mask is."""
+        """A photo whose mask pictures are shifted so that it shows what it should, although the
+        display does not know yet how late the mask is."""
         return shift_mask(shown, self.behind_rows) if self.behind_rows else shown
 
     def learn(self, step: str, outcome: StepOutcome) -> None:
-        """Go on by what a step found: another value asks for another reference of checks."""
+        """Add what a step found. Where a check compares with that step, its reference is
+        dropped."""
         values = {key: found.value for key, found in outcome.words.items()}
         values.pop("camera.profile", None)
         self.field_px = values.pop(FIELD, self.field_px)

@@ -1,9 +1,8 @@
 """What both panels show in one photo of a calibration: pictures of their own pixels.
 
 Calibration does not know yet where the panels lie, so its patterns have no cells: a pattern is an
-image of one panel, one value for each of its pixels. Grey comes from time: several refreshes, each
-of them black and white. Only where the panels' grey levels are themselves in question, a pattern
-has levels.
+image of one panel, one value for each of its pixels. Grey is made over time: several refreshes,
+each of them black and white. Patterns have grey levels only where these are themselves measured.
 """
 
 from __future__ import annotations
@@ -74,7 +73,7 @@ def make_still_sequence(
 
 
 def pack_frames(shown: PanelSequence) -> Frames:
-    """What a display is given to show it: patterns of pixels, packed."""
+    """The photo as a display takes it: patterns of pixels, packed."""
     refreshes = shown.refreshes
     return Frames(
         _packed(shown.projector),

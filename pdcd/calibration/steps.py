@@ -1,7 +1,7 @@
 """All steps by name, in the order in which they are run.
 
-A step is imported when it is run: a daemon that takes photos all day shall not wait for what only a
-calibration computes with.
+A step is imported only when it is run: a daemon that takes photos all day should not wait for what
+only a calibration computes with.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ STEP_SCRIPTS: Mapping[str, str] = MappingProxyType(
         "check": "check.check_step:check_bench",
     }
 )
-"""Each step's script, "module:function" below this package; docs/calibration.md tells of them."""
+"""Each step's script, "module:function" below this package; docs/calibration.md describes them."""
 AT_WISH = frozenset({"response", "focus", "disparity"})
-"""Steps that are no part of a whole calibration."""
+"""Steps that are not part of a whole calibration."""
 _BY_BLOCKS = frozenset({"sensor", "light"})
-"""Steps that look at blocks of a photo."""
+"""Steps that use blocks of a photo."""
 METER = "meter"
-"""What comes before all others."""
+"""The step before all others."""
 GOES_BY: Mapping[str, frozenset[str]] = MappingProxyType(
     {
         "light": frozenset({"sensor"}),
@@ -49,16 +49,16 @@ GOES_BY: Mapping[str, frozenset[str]] = MappingProxyType(
         "check": frozenset({"geometry", "timing"}),
     }
 )
-"""Steps that each one sees the bench through: where what they found is bad, its own is not used."""
+"""Steps whose results each step depends on: where theirs are bad, its own are not used."""
 STALE: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "geometry": ("rig.misregistration_px",),
         "sensor": ("camera.responsivity_e",),
     }
 )
-"""Values of other steps that a new outcome of a step makes untrue: what is left between the maps
-once they were corrected, and light in electrons of a gain that was measured anew. What a panel, a
-shutter or a lens does by itself stays true wherever it was seen."""
+"""Values of other steps that a new result of a step invalidates: the offset that remained between
+the maps once they were corrected, and light in electrons by a gain that has been measured again.
+What a panel, a shutter or a lens does by itself stays true wherever it was seen."""
 
 
 def start_step_script(name: str, session: CalibrationSession) -> StepScript:
@@ -76,7 +76,7 @@ def check_frame_size(
     names: Collection[str], session: CalibrationSession, frame: tuple[int, int]
 ) -> None:
     """Raise CalibrationError where photos of so many rows and columns of quads are too small for
-    one of these steps: before they are taken."""
+    one of these steps. It is called before photos are taken."""
     from pdcd.calibration.geometry.geometry_step import check_dots_in_frame
     from pdcd.calibration.photo import check_blocks_in_frame
 
@@ -87,15 +87,18 @@ def check_frame_size(
 
 
 def explain_unused_step(step: str, left_out: Collection[str]) -> str:
-    """Why the values of a good step are not used, when those of others are not; "" where they are.
+    """Why the values of a good step are not used, given that those of others are not; "" where they
+    are used.
 
-    left_out : steps of the same calibration."""
+    left_out : steps of the same calibration whose values are not used.
+    """
     through = [name for name in STEP_SCRIPTS if name in GOES_BY.get(step, ()) and name in left_out]
     return f"it goes by {' and '.join(through)}" if through else ""
 
 
 def order_steps(names: tuple[str, ...], subject: SubjectName = "card") -> tuple[str, ...]:
-    """The steps in their order; for none all but those `AT_WISH`, and on a scene the geometry."""
+    """The steps in their order; without names all but those `AT_WISH`, and on a scene the
+    geometry."""
     if not names and subject == "scene":
         names = ("geometry",)
     return tuple(name for name in STEP_SCRIPTS if name in (names or STEP_SCRIPTS.keys() - AT_WISH))

@@ -1,6 +1,7 @@
-"""The part of the field that projector, mask and camera share: where patterns can be seen at all.
+"""The part of the field that projector, mask and camera share: only there patterns can be seen.
 
-Panels of other sides than the projector's, or a camera that is zoomed in, leave out some of it.
+Panels whose shape differs from the projector's, or a camera that is zoomed in, leave out some of
+it.
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 
 _PLACES = 101
-"""Places of the field along either axis that are looked at."""
+"""Places of the field along either axis that are checked."""
 _EDGE = 0.04
-"""Width of the border of the window that is judged, and share of a window that is given up."""
+"""Width of the window's border that is checked, and twice the step by which a side is moved."""
 _SHARED = 0.9
-"""Share of such a border that all three must share."""
+"""Least share of a border that all three must share."""
 _LEAST = 0.3
-"""Side of the window, at least."""
+"""Least side of the window."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,11 @@ class Window:
         return np.asarray((y - self.top) / (self.bottom - self.top))
 
     def x(self, share: Floats) -> Floats:
-        """The other way."""
+        """x of the field at a share of the window's width."""
         return np.asarray(self.left + share * (self.right - self.left))
 
     def y(self, share: Floats) -> Floats:
-        """The other way."""
+        """y of the field at a share of the window's height."""
         return np.asarray(self.top + share * (self.bottom - self.top))
 
 
@@ -56,8 +57,8 @@ WHOLE = Window()
 def find_shared_window(mask: Map, camera: Map) -> Window:
     """The window of the field that mask and camera share; the projector fills the field.
 
-    Sides are moved inwards, the worst first, until hardly anything along them is beyond a device.
-    Raises CalibrationError where less than a third of the field's width or height is left.
+    Sides are moved inwards, the worst first, until hardly anything along them lies off a device.
+    Raises CalibrationError where less than a third of the field's width or height remains.
     """
     step = (np.arange(_PLACES) + 0.5) / _PLACES
     points = np.stack(np.meshgrid(step, step), axis=-1)

@@ -1,9 +1,9 @@
-"""Is the bench still as it was calibrated? Five photos before a session say so.
+"""Is the bench still as it was calibrated? Five photos before a session answer that.
 
-White, the same with a black projector, dots of either panel, timing strips: maps and lag are fitted
-anew, and each figure is compared with that of the same photo taken right after the calibration.
-What is found is good, or small enough to be taken into account (`Verdict.DOUBTFUL`: refit and go
-on), or calls for a new calibration (`Verdict.BAD`).
+The photos show white, white light with a black projector, the dots of either panel, and timing
+strips. Maps and lag are fitted anew, and each figure is compared with that of the same photo taken
+right after the calibration. A change is good, or small enough to be taken into account
+(`Verdict.DOUBTFUL`: refit and go on), or calls for a new calibration (`Verdict.BAD`).
 """
 
 from __future__ import annotations
@@ -19,33 +19,34 @@ from pdcd.calibration.figures import MeasuredFigure, Verdict
 from pdcd.errors import CalibrationError
 
 _GOOD_PX, _UNLIKE_PX, _CAMERA_PX = 0.1, 0.15, 3.0
-"""Registration that is good; what a similarity may leave; how far a camera may have been bumped, in
-projector pixels: its map is refitted, and no cell depends on it."""
+"""In projector pixels: drift that counts as good, the largest residual of a similarity, and how far
+the camera may have been bumped. Its map is refitted, and no cell depends on it."""
 _GOOD_S, _REFIT_S = 0.1e-3, 0.5e-3
 _GOOD_LAMP, _REFIT_LAMP = 0.03, 0.15
 _GOOD_CLOSED, _REFIT_CLOSED = 0.10, 0.50
 DARKEST_MASK_SHARE = 2e-4
-"""Light through the closed mask over that through the open one, below which it is black: a smaller
-share is hidden by noise, and changes are told over this one."""
+"""Light through the closed mask over that through the open one, below which it counts as black:
+noise hides a smaller share. Changes are given relative to this share at least."""
 _TOLD_SIGMAS = 3.0
-"""Standard deviations by which a change that is not known to its limit must differ from none."""
+"""Where a change is not known to within its limit, it must differ from none by so many standard
+deviations."""
 _FEWEST_DOTS, _LEAST_DOTS = 30, 0.6
 """Dots, and share of the reference's dots, that must be found again."""
 _LEAST_WHITE = 0.05
 """White over that of the reference, below which there was no light."""
 _UNEVEN = 0.1
-"""Spread of white over its reference that another scene makes, and no lamp."""
+"""Spread of white over its reference from which the scene has changed, not the lamp."""
 
 
 @dataclass(frozen=True, eq=False)
 class BenchSnapshot:
     """What the five photos of a check say.
 
-    camera : how the projector's dots lie from where the camera's map has them. mask : how those of
-        the mask lie from where its map has them, both in projector pixels.
+    camera : how far the projector's dots lie from where the camera's map puts them. mask : how far
+        those of the mask lie from where its map puts them. Both in projector pixels.
     white : (rows, cols) mean light of parts of the white photo, per second of exposure.
     closed : light through the closed mask over that through the open one, and its sigma.
-    lag_s : of the mask beside what was calibrated, and its sigma; None where no strips were shown.
+    lag_s : lag of the mask less the calibrated one, and its sigma; None where no strips were shown.
     settings : what must not change: camera, lens, ISO, f-number, EDIDs, modes; by name.
     saturated : share of the white photo's lit quads that are saturated.
     """
@@ -71,9 +72,9 @@ class CheckFinding:
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
-    """The verdict on a bench, and what a refit takes.
+    """The verdict on a bench, and what a refit needs.
 
-    camera, mask : how they moved. lamp : white now over then.
+    camera, mask : how they moved. lamp : white now over white at the reference.
     """
 
     findings: tuple[CheckFinding, ...]
@@ -83,18 +84,18 @@ class CheckResult:
 
     @property
     def verdict(self) -> Verdict:
-        """The worst of all."""
+        """The worst verdict of all findings."""
         return max(finding.figure.verdict for finding in self.findings)
 
 
 def compare_snapshots(
     now: BenchSnapshot, then: BenchSnapshot, guard_px: float, refresh_s: float
 ) -> CheckResult:
-    """Compare a look at the bench with that of its calibration.
+    """Compare a snapshot of the bench with that of its calibration.
 
-    guard_px : of the cells that are to be used.
+    guard_px : guard of the cells that are to be used.
 
-    Raises CalibrationError where the photos say nothing: no light, saturated, too few dots.
+    Raises CalibrationError where the photos cannot be used: no light, saturated, too few dots.
     """
     lamp, uneven, lamp_sigma = _lamp(now, then)
     _refuse_few(now.camera.count, then.camera.count, "projector")
@@ -102,7 +103,7 @@ def compare_snapshots(
     camera, mask = now.camera.since(then.camera), now.mask.since(then.mask)
     bumped, apart = camera.worst_px, mask.worst_px
     culprit = _culprit(bumped[0], apart[0], mask.since(camera).worst_px[0])
-    # What the projector's dots are off by, the mask's are corrected by.
+    # The mask's dots are corrected by the projector's, so the errors of both count.
     apart = apart[0], float(np.hypot(apart[1], bumped[1]))
     closed = _closed(now, then)
     findings = [
@@ -124,7 +125,7 @@ def compare_snapshots(
 
 
 def average_parts(light: Floats, shape: tuple[int, int] = (12, 16)) -> Floats:
-    """Mean light (h, w) of parts of a photo, (rows, cols): `Look.white`."""
+    """Mean light of the parts of a photo (h, w), (rows, cols): `BenchSnapshot.white`."""
     rows, cols = (
         np.array_split(np.arange(side), n) for side, n in zip(light.shape, shape, strict=True)
     )
@@ -134,10 +135,11 @@ def average_parts(light: Floats, shape: tuple[int, int] = (12, 16)) -> Floats:
 def measure_closed_mask(
     dots: Floats, variance: Floats, white: Floats, places: Floats, radius_quads: float
 ) -> tuple[float, float]:
-    """Light through the closed mask over that through the open one, and its sigma: `Look.closed`.
+    """Light through the closed mask over that through the open one, and its sigma:
+    `BenchSnapshot.closed`.
 
     dots, variance : (h, w) of the photo of the mask's dots. white : (h, w) both panels white.
-    places : (n, 2) of the dots in quads. radius_quads : within which a dot's light falls.
+    places : (n, 2) of the dots in quads. radius_quads : a dot's light falls within this radius.
     """
     height, width = white.shape
     x, y = np.arange(width) + 0.5, np.arange(height) + 0.5
@@ -159,7 +161,7 @@ def measure_closed_mask(
 
 
 def _refuse_few(found: int, then: int, device: str) -> None:
-    """Raise CalibrationError where too few of the reference's dots are there."""
+    """Raise CalibrationError where too few of the reference's dots were found again."""
     if found < max(_FEWEST_DOTS, _LEAST_DOTS * then):
         raise CalibrationError(
             f"only {found} of {then} dots of the {device} were found again",
@@ -199,7 +201,8 @@ def _closed(now: BenchSnapshot, then: BenchSnapshot) -> tuple[float, float]:
 
 
 def _culprit(bumped: float, apart: float, mask_in_photo: float) -> str:
-    """Who moved, from how far projector and mask moved in the photo and against each other."""
+    """Which device moved, from how far projector and mask moved in the photo and against each
+    other."""
     if apart < _GOOD_PX:
         return "the camera was bumped"
     if bumped < _GOOD_PX:
@@ -230,7 +233,7 @@ def _place(
 
 
 def _lag(lag: tuple[float, float], refresh_s: float, *, moved: bool) -> CheckFinding:
-    """The verdict on the lag. Strips of a mask that moved may say nothing of it."""
+    """The verdict on the lag. Where the mask has moved, its strips may not show the lag."""
     known = bool(np.isfinite(lag[0]))
     if moved and not known:
         figure = MeasuredFigure("mask.skew_s", *lag, "s", "known", Verdict.DOUBTFUL)

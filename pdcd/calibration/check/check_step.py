@@ -1,7 +1,7 @@
-"""Is the bench as it was calibrated? Five photos, held against those taken right after it.
+"""Is the bench as it was calibrated? Five photos are compared with those taken right after it.
 
-Without such photos, or where maps, times or contrasts were measured anew since, the look that is
-taken becomes the reference itself.
+Without such photos, or where maps, times or contrasts were measured again since then, the snapshot
+that is taken becomes the reference itself.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ _AGAIN = "calibrate again before the next session: the bench has changed too muc
 def check_bench(session: CalibrationSession) -> StepScript:
     """White, the room, dots of both panels, and strips where the timing was measured.
 
-    What has changed a little is taken into account: maps and lag are refitted. What has changed
-    more is said. Raises CalibrationError where photos say nothing at all.
+    Small changes are taken into account: maps and lag are refitted. Larger ones are reported.
+    Raises CalibrationError where the photos cannot be used at all.
     """
     before = unpack_snapshot(session.arrays, session.config.projector.size_px)
     exposure = SnapshotExposure(session.iso, session.f_number, session.full)
@@ -97,10 +97,11 @@ def _compared(
 def _refitted(
     session: CalibrationSession, found: CheckResult, now: BenchSnapshot, then: BenchSnapshot
 ) -> tuple[StepOutcome, frozenset[str]]:
-    """Maps and words with what has changed a little and was surely measured, and the names of that.
+    """Maps and configuration values corrected for small changes that were surely measured, and the
+    names of these changes.
 
-    What a look says of places and of the lag is beside what was calibrated: once that is moved, the
-    reference stands. Of light it knows what there was.
+    Places and lag are measured relative to the calibration: once that is corrected, their reference
+    stays valid. Light is absolute, so its reference is replaced.
     """
     changed: dict[str, CheckFinding] = {
         finding.figure.name: finding

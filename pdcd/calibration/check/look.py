@@ -1,7 +1,4 @@
-"""A look at the bench: the photos of a check, what they say, and how that is kept.
-
-The same photos are taken right after a calibration, as the reference, and before a session.
-"""
+"""A snapshot of the bench: the photos of a check, what they say, and how that is kept."""
 
 from __future__ import annotations
 
@@ -54,7 +51,7 @@ _DOTS_END = 1.75
 
 @dataclass(frozen=True)
 class SnapshotExposure:
-    """How a look is taken; f_number None where the lens is not set from here."""
+    """How a snapshot is taken; f_number is None where the lens is not set from here."""
 
     iso: int
     f_number: float | None
@@ -63,15 +60,15 @@ class SnapshotExposure:
     def photo(
         self, shown: PanelSequence
     ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, CalibrationPhoto]:
-        """One photo so taken."""
+        """Take one photo with these settings."""
         return (yield from take_photo(PhotoRequest(shown, self.iso, self.f_number)))
 
 
 def take_snapshot(
     session: CalibrationSession, exposure: SnapshotExposure
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, tuple[BenchSnapshot, str]]:
-    """Four photos, and one of strips where the timing was measured; what they say, and why the lag
-    is not known, where it is not."""
+    """Take four photos, and one of strips where the timing was measured. Returns what they say, and
+    why the lag is not known where it is not."""
     projector, mask, camera = (session.found(name) for name in ("projector", "mask", "camera"))
     refreshes = exposure.refreshes
     taken = yield from exposure.photo(
@@ -98,7 +95,7 @@ def take_snapshot(
     believed = map_between(mask, projector, of_mask.centres(index))
     seen = map_between(camera, projector, quads)
     apart = fit_map_drift(projector.size_px, believed, seen, sigma_px * sigma)
-    # Also where dots are that were not found: their light is not what comes through black.
+    # Dots that were not found count too: their light does not come through black.
     places = map_between(mask.then(apart.of_field), camera, of_mask.centres(_all(of_mask)))
     closed = measure_closed_mask(
         photo.main, photo.main_variance, white.main,
@@ -121,7 +118,7 @@ def take_snapshot(
 
 
 def pack_snapshot(seen: BenchSnapshot, exposure: SnapshotExposure) -> dict[str, NDArray[Any]]:
-    """A look as arrays."""
+    """A snapshot as arrays."""
     taken = [exposure.iso, exposure.f_number or 0.0, exposure.refreshes]
     arrays: dict[str, NDArray[Any]] = {
         "check.camera": seen.camera.array,
@@ -141,8 +138,8 @@ def pack_snapshot(seen: BenchSnapshot, exposure: SnapshotExposure) -> dict[str, 
 def unpack_snapshot(
     arrays: _Arrays, size_px: tuple[int, int]
 ) -> tuple[BenchSnapshot, SnapshotExposure] | None:
-    """A look that was kept and how it was taken; None where none was. Arrays that were kept in a
-    file are float64, all of them. size_px : of the projector."""
+    """A snapshot that was kept, and how it was taken; None where none was kept. All arrays from a
+    file are float64. size_px : of the projector."""
     if "check.camera" not in arrays:
         return None
     iso, f_number, refreshes = arrays["check.exposure"].tolist()
@@ -162,7 +159,7 @@ def unpack_snapshot(
 def _again(
     white: QuadPhoto, photo: QuadPhoto, grid: DotGrid, panel: Map, camera: Map
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Index, places in quads and their sigma of the dots that are there."""
+    """Index, places in quads and their sigma of the dots that are found again."""
     index = _all(grid)
     quads = map_between(panel, camera, grid.centres(index))
     with np.errstate(invalid="ignore"):
@@ -177,7 +174,8 @@ def _all(grid: DotGrid) -> NDArray[np.int64]:
 
 
 def _lag(session: CalibrationSession, model: StripModel, times: PanelTimes) -> tuple[float, float]:
-    """How much later the mask is than it was measured, and sigma. Raises CalibrationError."""
+    """How much later the mask is than when its lag was measured, and sigma. Raises
+    CalibrationError."""
     if not float(model.readings[0].value.max()) > _LEAST_LIGHT:
         raise CalibrationError(
             "the timing strips are black",
@@ -193,7 +191,7 @@ def _strips(
     white_and_room: tuple[QuadPhoto, QuadPhoto],
     camera: Map,
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, tuple[StripModel, PanelTimes]]:
-    """What strips say, and the times that were measured."""
+    """A model of the strips' readings, and the times that were calibrated."""
     arrays, (projector, mask) = session.arrays, (session.found("projector"), session.found("mask"))
     lags = arrays["timing.lag_s"]
     strips = make_pulse_strips(
@@ -232,7 +230,7 @@ def _settings(
 
 
 def _quads_per_px(panel: Map, camera: Map) -> float:
-    """Quads of the photo to a pixel of the panel, in its middle."""
+    """Quads of the photo per pixel of the panel, in its middle."""
     middle = 0.5 * np.array([panel.size_px], dtype=np.float64)
     ends = [map_between(panel, camera, middle + step) for step in ((-0.5, 0.0), (0.5, 0.0))]
     return float(np.hypot(*(ends[1] - ends[0])[0]))

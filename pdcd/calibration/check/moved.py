@@ -1,4 +1,4 @@
-"""How points moved: shift, turn and size, whatever single points do."""
+"""How points moved as a whole: shift, turn and growth, robust against single points."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from scipy.optimize import least_squares
 from pdcd.arrays import Floats
 
 _PARTS = (3, 4)
-"""Rows and columns of parts of the picture in which what is left is looked at."""
+"""Rows and columns of parts of the picture for which residuals are given."""
 _FEWEST = 4
-"""Points of a part that are looked at."""
+"""Points that a part needs for a residual."""
 _CAUCHY = 2.5
-"""Error from which a point counts less, in standard deviations."""
+"""Error in standard deviations beyond which a point counts less."""
 _TO_SIGMA = 1.4826
 """From the median of absolute deviations to a standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
 class MapDrift:
-    """From where maps have points to where they are, in pixels of a picture, about its middle.
+    """How points moved from where maps have them to where they are, in pixels about a picture's
+    middle.
 
     size_px : (width, height). numbers : (4,) shift to the right and down, growth, and turn in rad,
-    clockwise. sigma : (4,). left : (rows, cols, 2) the median of what is left in each part of the
-    picture, 0 where few points are. count : of the points.
+        clockwise. sigma : (4,). left : (rows, cols, 2) median residual in each part of the picture,
+        0 where there are few points. count : number of points.
     """
 
     size_px: tuple[int, int]
@@ -36,7 +37,7 @@ class MapDrift:
 
     @classmethod
     def kept(cls, size_px: tuple[int, int], array: Floats) -> MapDrift:
-        """One that was kept as an `array`."""
+        """A drift that was kept as an `array`."""
         left = array[9:].reshape(*_PARTS, 2)
         return cls(size_px, array[:4], array[4:8], left, int(array[8]))
 
@@ -57,7 +58,7 @@ class MapDrift:
 
     @property
     def unlike_px(self) -> float:
-        """What no shift, turn and size explain, in the part that has most of it."""
+        """The residual after shift, turn and growth, in the part where it is largest."""
         return float(np.hypot(*self.left.reshape(-1, 2).T).max())
 
     @property
@@ -69,12 +70,12 @@ class MapDrift:
         return moved, float(np.hypot(self.sigma[:2].max(), reach * self.sigma[2:].max()))
 
     def __call__(self, points: Floats) -> Floats:
-        """Points (..., 2) by the maps -> as they are."""
+        """Points (..., 2) as the maps have them -> points as they are."""
         near = points - 0.5 * np.array(self.size_px)
         return np.asarray(points + _slopes(near) @ self.numbers)
 
     def since(self, then: MapDrift) -> MapDrift:
-        """What has changed since then, small as both are."""
+        """What has changed since then, where both drifts are small."""
         return MapDrift(
             self.size_px,
             self.numbers - then.numbers,
@@ -87,9 +88,9 @@ class MapDrift:
 def fit_map_drift(
     size_px: tuple[int, int], believed: Floats, found: Floats, sigma: Floats
 ) -> MapDrift:
-    """Points by the maps and where they are, (n, 2) each, fitted so that single ones count little.
+    """Fit points by the maps and where they are, (n, 2) each, so that outliers count little.
 
-    sigma : (n,) of a point; enlarged to what they really scatter.
+    sigma : (n,) of a point; enlarged to the real scatter.
     """
     slopes = _slopes(believed - 0.5 * np.array(size_px)) / sigma[:, None, None]
     wanted = (found - believed) / sigma[:, None]
@@ -119,7 +120,7 @@ def fit_map_drift(
 
 
 def _slopes(near: Floats) -> Floats:
-    """How points (..., 2), from the middle, move with the four numbers: (..., 2, 4)."""
+    """How points (..., 2), relative to the middle, move with the four numbers: (..., 2, 4)."""
     x, y = near[..., 0], near[..., 1]
     one, none = np.ones_like(x), np.zeros_like(x)
     rows = [np.stack([one, none, x, -y], axis=-1), np.stack([none, one, y, x], axis=-1)]

@@ -1,8 +1,9 @@
 """Random blocks of a panel: by how many whole periods numbered stripes are off.
 
-Stripes look the same a period further on. A picture of black and white blocks, half a period wide,
-does not: at the pixels that quads are said to see it is as bright as predicted, or it is so a few
-periods away. Blocks are as fine as the stripes, so light that comes round corners is grey in both.
+Stripes look the same a period further on; a picture of black and white blocks, half a period wide,
+does not. At the pixels that quads are believed to see, it is as bright as predicted, or it is so a
+few periods away. Blocks are as fine as the stripes, so light that comes round corners is grey in
+both.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from pdcd.errors import CalibrationError
 from pdcd.panels.blocks import hash_to_bits
 
 _MOST_PERIODS = 4
-"""Whole periods to either side that are looked for."""
+"""Whole periods to either side that are searched."""
 _LEAST_AGREEMENT, _SECOND = 0.4, 0.6
-"""Agreement from which the number is sure, and that of the second best, over the best."""
+"""Least agreement at which the number is sure, and the largest of the second best, over the
+best."""
 _MOST_QUADS = 200_000
-"""Quads that are looked at."""
+"""Quads that are used, at most."""
 
 
 def draw_phase_code(code: PhaseCode) -> Bits:
@@ -44,7 +46,8 @@ def make_block_sequence(code: PhaseCode, refreshes: int) -> PanelSequence:
 def find_period_error(
     photo: QuadPhoto, half: Floats, seen: DecodedQuads, code: PhaseCode
 ) -> tuple[int, int]:
-    """By how many periods to the right and down the panel lies from where quads were said to see.
+    """By how many periods, right and down, the pixels that quads really see lie from those in
+    `seen`.
 
     Parameters
     ----------
@@ -78,7 +81,7 @@ def find_period_error(
 
 
 def _agreement(bright: Floats, blocks: Floats, at: Floats) -> float:
-    """How well light agrees with the blocks at places (n, 2); where there are none, not at all."""
+    """How well light agrees with the blocks at places (n, 2); places off the panel do not agree."""
     col, row = np.floor(at).astype(np.int64).T
     inside = (col >= 0) & (col < blocks.shape[1]) & (row >= 0) & (row < blocks.shape[0])
     predicted = np.where(inside, blocks[row * inside, col * inside], 0.0)

@@ -1,8 +1,8 @@
-"""From what the camera sees of both panels to one field.
+"""One field for both panels, from what the camera sees of them.
 
-At places of the photo, mask pixel and projector pixel are known, so a map leads from the one to the
-other directly; the camera's lens and where its samples lie cancel. All three maps lead to the
-projector's picture, which that of the projector fills; the field lies in it
+At places of the photo, mask pixel and projector pixel are both known, so a map leads directly from
+one to the other; the camera's lens and where its samples lie cancel. All three maps lead to the
+projector's picture, which the projector's own map fills; the field lies in it
 (`pdcd.calibration.geometry.shared_field`).
 """
 
@@ -24,7 +24,7 @@ _COMPOSED_NODES = (10, 12)
 _LEAST_PLACES = 200
 """Places that must lie on both panels."""
 _SURE_PX = 1e-3
-"""What the composed model itself cannot say better, in projector pixels."""
+"""Error of the composed model itself, in projector pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +37,8 @@ class ComposedMaps:
     mask_of: FittedMap
 
     def sigma_px(self, mask_px: Floats) -> Floats:
-        """Standard deviation of the mask's map at its pixels (n, 2), (n, 2), in projector pixels:
-        that of both of the camera's maps. NaN where the camera does not see the mask."""
+        """Standard deviation of the mask's map at its pixels (n, 2), (n, 2), in projector pixels,
+        from the errors of both of the camera's maps. NaN where the camera does not see the mask."""
         seen = self.mask_of.map.from_field(mask_px / self.mask_of.target_size_px)
         known = np.isfinite(seen).all(axis=-1)
         found = np.full(mask_px.shape, np.nan)
@@ -58,9 +58,9 @@ class FieldMaps:
 
 
 def compose_maps(projector_of: FittedMap, mask_of: FittedMap) -> ComposedMaps:
-    """The map from mask to projector, out of the camera's maps to both.
+    """The map from mask to projector, composed of the camera's maps to both.
 
-    Raises CalibrationError where the camera sees too little that is on both panels.
+    Raises CalibrationError where the camera sees too little that lies on both panels.
     """
     frame = projector_of.map.size_px
     if mask_of.map.size_px != frame:
@@ -83,7 +83,7 @@ def compose_maps(projector_of: FittedMap, mask_of: FittedMap) -> ComposedMaps:
             device="mask",
             hint="move the projector's picture to where the camera sees through the mask",
         )
-    # Their own errors are alike over long ways, so they say nothing about how to weigh them.
+    # Their own errors are correlated over long distances, so they are no use as weights.
     sigma = np.full((int(both.sum()), 2), _SURE_PX)
     pairs = PointPairs(on_mask[both], on_projector[both], sigma)
     fitted = fit_map(

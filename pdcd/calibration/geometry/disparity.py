@@ -1,9 +1,9 @@
-"""Correspondences of an off-axis bench out of what a calibration measures.
+"""Correspondences of an off-axis bench, from what a calibration measures.
 
-Two ways. Stripes on the scene itself tell for each quad which projector pixel lights it
-(`geometry.phase`): `measure_disparities` makes of that what a request takes. A calibration with a
-card at some depth has the camera's map onto that card; against the map in use it gives the card's
-plane: `fit_card_plane`.
+There are two ways. Stripes on the scene itself show which projector pixel lights each quad
+(`geometry.phase`): `measure_disparities` turns that into what a request takes. A calibration with a
+card at some depth has the camera's map onto that card; compared with the map in use, it gives the
+card's plane: `fit_card_plane`.
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ _PLACES = 24
 
 @dataclass(frozen=True, eq=False)
 class Disparities:
-    """Where on the projector's field the camera's cells have their light from.
+    """Where on the projector's field the light of the camera's cells comes from.
 
-    right, down : (rows, cols), in cells from the camera's cell; NaN where too few quads tell.
+    right, down : (rows, cols), in cells from the camera's cell; NaN where too few quads are
+        decoded.
     """
 
     right: Floats
@@ -38,7 +39,7 @@ class Disparities:
 
     @property
     def known(self) -> Bools:
-        """(rows, cols)"""
+        """(rows, cols): whether the disparity of a cell is known."""
         return np.asarray(np.isfinite(self.right))
 
     @property
@@ -47,8 +48,7 @@ class Disparities:
         return float(np.sqrt(np.mean(self.down[self.known] ** 2)))
 
     def as_asked(self) -> Floats:
-        """The array `measure_disparities` of a request; cells without any are sent beyond the
-        field."""
+        """The array `disparities` of a request; unknown cells point beyond the field."""
         return np.where(self.known, np.nan_to_num(self.right), 2.0 * self.right.shape[1])
 
 
@@ -89,7 +89,7 @@ def measure_disparities(
 
 
 def fit_card_plane(now: Map, then: Map) -> tuple[tuple[float, ...], float]:
-    """The plane of a card, as `plane` of a request or of [rig], and what it leaves, in fields.
+    """The plane of a card, as `plane` of a request or of [rig], and the residual, in fields.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def fit_card_plane(now: Map, then: Map) -> tuple[tuple[float, ...], float]:
 
 
 def _medians(group: NDArray[np.int64], values: Floats, count: int) -> Floats:
-    """Medians (count, 2) of the values (n, 2) of each group; NaN of none."""
+    """Medians (count, 2) of the values (n, 2) of each group; NaN for an empty group."""
     found = np.full((count, values.shape[1]), np.nan)
     if not group.size:
         return found

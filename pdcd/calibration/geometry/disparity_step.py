@@ -19,7 +19,8 @@ from pdcd.errors import CalibrationError
 _KNOWN = 0.5
 """Share of the cells that are matched, at least; the others are dark, in shadow or hidden."""
 _OFF_ROWS, _FAR_OFF_ROWS = 0.5, 2.0
-"""Cells by which light leaves its row: rows of cells are no epipolar lines, or not nearly."""
+"""Cells by which light leaves its row, from which rows of cells are not quite epipolar lines, or
+far from it."""
 
 
 def calibrate_disparity(session: CalibrationSession) -> StepScript:
@@ -35,7 +36,7 @@ def calibrate_disparity(session: CalibrationSession) -> StepScript:
     size = session.config.projector.size_px
     code = XorCode("projector", size, base_px(1.0 / compute_pixel_ratio(projector, camera)))
     planes = yield from photograph_xor_code(session, code)
-    # Of the cells of captures: they divide the field, wherever that lies.
+    # Relative to the cells of captures: they divide the field, wherever that lies.
     there = session.on_field.projector
     found = measure_disparities(
         planes.decoded(),

@@ -1,10 +1,10 @@
-"""Dots that a panel shows on a card, so that three photos tell where each of its pixels lies.
+"""Dots that a panel shows on a card: three photos show where each of its pixels lies.
 
 The photos are white, black and dots. Dots lie on a square lattice. The white picture has black
-holes midway between four dots, at about every other such place, by a code of the panel's own. Any
-part of the code of some hundred places is found nowhere else in it, nor turned, nor mirrored, so
-the photos need no belief about where the panel lies, and one panel is not taken for the other. The
-holes lie where the picture of dots is black, so they cost the dots nothing.
+holes midway between four dots, at about every second such place, by a code of the panel's own. Any
+part of the code of some hundred places is unique, also when turned or mirrored. So the photos need
+no prior map, and one panel is not taken for the other. The holes lie where the picture of dots is
+black, so they cost the dots nothing.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ PanelName = Literal["projector", "mask"]
 
 _USUAL_PITCH_PX: dict[PanelName, int] = {"projector": 32, "mask": 40}
 _LEAST_COLUMNS = 16
-"""Dots in a row that a small panel still has."""
+"""Dots in a row of a small panel, at least."""
 _LEAST_ROWS, _LEAST_PITCH_PX = 4, 8
 """Rows of dots on any panel, and pixels from one dot to the next."""
 PER_RADIUS = 5
@@ -100,8 +100,8 @@ class DotGrid:
         return hash_to_bits(self.panel, rows - 1, cols - 1)
 
     def shown(self, refreshes: int) -> tuple[PanelSequence, PanelSequence, PanelSequence]:
-        """The three photos: white, black, dots; so many refreshes each. The other panel lets all
-        light pass."""
+        """The three photos: white, black, dots; `refreshes` each. The other panel lets all light
+        pass."""
         return (
             self._still("white", refreshes, self.white()),
             self._still("black", refreshes, BLACK),
@@ -115,7 +115,7 @@ class DotGrid:
         return make_still_sequence(name, refreshes, projector=WHITE, mask=picture)
 
     def _discs(self, present: Bits, shift: float) -> Bits:
-        """Discs at some places of the lattice, which is moved by so many pitches."""
+        """Discs at some places of the lattice, which is shifted by `shift` pitches."""
         picture = np.zeros(self.size_px[::-1], dtype=np.bool_)
         reach = int(np.ceil(self.radius_px)) + 1
         row, col = np.nonzero(present)

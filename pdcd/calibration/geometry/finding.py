@@ -1,7 +1,7 @@
-"""Dots of a panel in three photos: found without any belief, to a few hundredths of a quad.
+"""Dots of a panel in three photos: found without a prior map, to a few hundredths of a quad.
 
-With R = (dots - black) / (white - black), which knows neither texture nor vignetting, dots are
-local maxima of a matched filter, and their places centroids of R in a disc with a soft edge.
+With R = (dots - black) / (white - black), in which texture and vignetting cancel, dots are local
+maxima of a matched filter, and their places centroids of R in a disc with a soft edge.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from pdcd.errors import CalibrationError
 from pdcd.words import SubjectName
 
 _TELLING_QUADS = 5.0
-"""Dots that lie nearer to each other than this may be too small to be told from their holes."""
+"""Dots that lie nearer to each other than this may be too small for their holes to be seen."""
 _LEAST_DOTS = 60
 """Dots below which neither their code nor a map is sure."""
 _FLAT, _EDGE, RING = 1.5, 2.1, 2.6
-"""Radii, in those of a dot: of the disc in which a centroid is taken in full, of its soft edge, and
-of the ring about it that tells the light between dots."""
+"""Radii, over that of a dot: of the disc in which a centroid is taken in full, of its soft edge,
+and of the ring about it in which the light between dots is measured."""
 _ROUNDS = 4
-"""Times that the disc is put where the centroid was."""
+"""How often the disc is centred on the centroid anew."""
 _PEAK = 0.35
-"""Share of the usual response of the matched filter from which it is a dot."""
+"""Share of the usual response of the matched filter from which a maximum is a dot."""
 _MOST_BLUR = 0.5
-"""Blur over the radius of dots from which they are out of focus."""
+"""Blur over the radius of dots beyond which they are out of focus."""
 _TEXTURE = 0.25
-"""Deviation of the white light about a dot, over its mean, from which blur may move the dot."""
+"""Deviation of the white light about a dot, over its mean, beyond which blur may move the dot."""
 _MOST_TEXTURED = MappingProxyType({"card": 0.4, "scene": 0.9})
 """Share of dots that may lie on texture."""
 _CHUNK = 2_000_000
@@ -54,8 +54,8 @@ class Dots:
     grid : what the panel showed.
     index : (n, 2) int, (column, row) of each dot in the grid.
     panel_px : (n, 2), their centres on the panel.
-    camera_px : (n, 2), their centres in the photo in quads, the place of the colour's samples in
-        the quad allowed for.
+    camera_px : (n, 2), their centres in the photo in quads, corrected for where the colour's
+        samples lie in the quad.
     sigma_px : (n, 2), standard deviation of these, in quads, by the noise of the photos.
     blur_quads : standard deviation of the blur of the dots' edges, the quads' own width included.
     """
@@ -87,7 +87,7 @@ class _Centroids:
     radius: Floats
 
     def dots(self, grid: DotGrid, index: Indices, offset_quads: tuple[float, float]) -> Dots:
-        """Those that were found, as dots of a grid."""
+        """The dots that were found, as dots of a grid."""
         good = np.isfinite(self.sigma).all(axis=-1)
         return Dots(
             grid=grid,
@@ -111,10 +111,10 @@ def find_dots(
 ) -> tuple[Dots, ...]:
     """The dots of a panel in photos of its three pictures, in each colour.
 
-    other : grid of the other panel, to tell swapped outputs.
-    pattern : of the camera's mosaic. subject : a scene has more edges than a card may have.
+    other : grid of the other panel, by which swapped outputs are recognised.
+    pattern : of the camera's mosaic. subject : a scene may have more edges than a card.
 
-    Raises CalibrationError, which names the cause, where they cannot be found or told apart.
+    Raises CalibrationError, which names the cause, where dots cannot be found or identified.
     """
     lit = find_panel_light(white, black, grid.panel)
     main = white.colours // 2
@@ -134,14 +134,14 @@ def find_dots(
 def find_known_dots(
     white: QuadPhoto, dots: QuadPhoto, grid: DotGrid, index: Indices, expected: Floats
 ) -> tuple[Indices, Floats, Floats]:
-    """Dots whose places are known nearly, in two photos only.
+    """Find dots whose places are nearly known, in two photos only.
 
     white : both panels white. dots : of one panel, the other white.
     index : (n, 2) (column, row) of dots of the grid. expected : (n, 2) where in quads they should
-        be, all of them moved by less than two of their pitches, and turned by a degree or so.
+        be; all may have moved by less than two of their pitches, and turned by a degree or so.
 
-    Returns index (m, 2), places (m, 2) and their standard deviations (m, 2) in quads of those that
-    are there. Raises CalibrationError where there is no light, or dots cannot be found.
+    Returns index (m, 2), places (m, 2) and their standard deviations (m, 2) in quads of the dots
+    that were found. Raises CalibrationError where there is no light, or dots cannot be found.
     """
     by = white.main
     lit = lit_white(by, white.main_variance)
@@ -163,7 +163,7 @@ def find_known_dots(
 
 def _moved_by(rough: Floats, expected: Floats, pitch: float) -> Floats:
     """By how much all dots have moved, (2,): the least shift that most of them agree on. Dots at
-    the edges tell it from a shift by whole pitches more."""
+    the edges distinguish it from shifts that are whole pitches larger."""
     reach, bin_quads = 2, 0.25 * pitch
     places = cKDTree(rough)
     near = places.query_ball_point(expected, reach * pitch)
@@ -203,7 +203,7 @@ def _ratio(white: QuadPhoto, black: QuadPhoto, dots: QuadPhoto, lit: Bools, chan
 
 
 def _check_shown(ratio: Floats, lit: Bools, grid: DotGrid) -> None:
-    """Whether the third photo shows anything that may be dots."""
+    """Raise CalibrationError where the third photo shows nothing that may be dots."""
     mean = float(ratio[lit].mean())
     if mean < 0.02:
         raise _untrusted(
@@ -248,7 +248,8 @@ def _told_apart(
 ) -> tuple[Floats, Indices]:
     """Place of each dot in quads, (n, 2), and its index, (n, 2).
 
-    Raises where the code does not say which is which."""
+    Raises CalibrationError where the code does not identify them.
+    """
     points = _centroids(ratio, rough, radius).at
     points = points[np.isfinite(points).all(axis=-1)]
     count, which = index_dots(points)
@@ -283,7 +284,7 @@ def _check_swapped(cells: Floats, grid: DotGrid, other: DotGrid | None) -> None:
 
 
 def _cells(light: Floats, points: Floats, count: Indices, radius: float) -> Floats:
-    """White light amid each four neighbouring dots, over that on the dots: -1 is none, 1 is as
+    """White light between each four neighbouring dots, over that on the dots: -1 is none, 1 is as
     much. (rows, cols), NaN where a dot is missing."""
     cols, rows = (count.max(axis=0) + 1).tolist()
     at = np.full((rows, cols, 2), np.nan)
@@ -296,7 +297,7 @@ def _cells(light: Floats, points: Floats, count: Indices, radius: float) -> Floa
     around = np.mean([_sampled(smooth, corner[known]) for corner in corners], axis=0)
     share = _sampled(smooth, middle[known]) / np.maximum(around, 1e-12)
     found[known] = np.clip(2.0 * share - 1.0, -1.0, 1.0)
-    # Blur fills holes, and glare: what counts is which places are darker than most.
+    # Blur and glare fill holes: what counts is which places are darker than most.
     found -= 0.5 * (np.nanpercentile(found, 10.0) + np.nanpercentile(found, 90.0))
     return np.asarray(np.clip(2.0 * found, -1.0, 1.0))
 
@@ -316,7 +317,7 @@ def _sampled(values: Floats, points: Floats) -> Floats:
 def _trusted(
     points: Floats, index: Indices, radius: float, ratio: _Ratio, grid: DotGrid, most: float
 ) -> tuple[Floats, Indices]:
-    """Dots of the panel that lie on even ground."""
+    """The panel's dots that lie on even ground, and their indices."""
     rows, cols = grid.shape
     inside = ((index >= 0) & (index < (cols, rows))).all(axis=-1)
     points, index = points[inside], index[inside]
@@ -334,7 +335,7 @@ def _trusted(
 
 
 def _unevenness(light: Floats, points: Floats, radius: float) -> Floats:
-    """Spread of the white light about each dot, over its mean, (n,); what noise adds is small."""
+    """Spread of the white light about each dot, over its mean, (n,); noise adds little."""
     smooth = _smooth(light, 0.25 * radius)
     angles = np.arange(8) * (np.pi / 4.0)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1) * radius
@@ -344,9 +345,10 @@ def _unevenness(light: Floats, points: Floats, radius: float) -> Floats:
 
 
 def _measured(ratio: _Ratio, points: Floats, radius: float, grid: DotGrid) -> _Centroids:
-    """The dots in one colour, where green has them. Raises where they are blurred away."""
+    """Measure in one colour the dots that green has. Raises CalibrationError where they are too
+    blurred."""
     found = _centroids(ratio, points, radius)
-    # A centroid that ran away is another's, or noise.
+    # A centroid that moved further belongs to another dot, or to noise.
     with np.errstate(invalid="ignore"):
         lost = ~(np.hypot(*(found.at - points).T) < radius)
     found.sigma[lost] = np.nan

@@ -5,10 +5,10 @@ middle,
 
     straight = u (1 + k1 r^2 + k2 r^4) + residual(u),    target = H straight,
 
-the residual a cubic spline through nodes over the source. H is started by USAC_MAGSAC, its eight
-numbers and k1, k2 are refined by least squares with the soft L1 loss, then all of it at once, the
-nodes too, by Gauss-Newton with Cauchy weights. Second differences of the nodes are held small, so
-that the residual stays smooth and goes on straight where there are no points.
+where the residual is a cubic spline through nodes over the source. H is started by USAC_MAGSAC; its
+eight numbers and k1, k2 are refined by least squares with the soft L1 loss; then all numbers, nodes
+included, are fitted at once by Gauss-Newton with Cauchy weights. Second differences of the nodes
+are held small, so that the residual stays smooth and goes on straight where there are no points.
 """
 
 from __future__ import annotations
@@ -32,33 +32,33 @@ _NODES = (8, 10)
 _START_SHARE = 0.01
 """Error, over the target's width, that a homography alone is allowed to leave: lenses bend."""
 _LEAST_POINTS, _LEAST_START = 20, 0.2
-"""Points that a map needs, and the share of them that a homography alone must come near to."""
+"""Points that a map needs, and the share of them that a homography alone must fit roughly."""
 _LENS_LOSS_PX = 1.0
-"""Error from which the first fit counts points less: the residual is still in it."""
+"""Error beyond which the first fit counts points less: it still contains the residual."""
 _LENS_POINTS = 2000
-"""Points, at most, that the first fit looks at."""
+"""Points, at most, that the first fit uses."""
 _NODE_SD_PX, _BEND_SD_PX, _LENS_SD = 2.0, 1.0, 0.3
-"""What is likely before there is any light: nodes, their second differences, k1 and k2."""
+"""Priors, as standard deviations: of nodes, of their second differences, of k1 and k2."""
 _CAUCHY = 2.5
-"""Median errors at which a point counts half."""
+"""A point counts half where its error is so many median errors."""
 _RAYLEIGH = np.sqrt(2.0 * np.log(2.0))
 """Median length of an error in two axes, over the standard deviation in one."""
 _SLIGHT = 0.05
-"""Median error, in its sigmas, below which none is a worse one."""
+"""Least median error, in sigmas, that the weights are scaled by."""
 _ROUNDS = 6
 _INLIER_SIGMAS = 5.0
 _LEAST_INLIER_PX = 0.05
-"""Error that makes no point an outlier, however well the others fit."""
+"""Error below which no point is an outlier, however well the others fit."""
 _LENS = 10
 """Numbers before those of the nodes."""
 
 
 @dataclass(frozen=True, eq=False)
 class PointPairs:
-    """Points and where they lie.
+    """Points of one device and where they lie on another.
 
     source_px, target_px : (n, 2), pixels of both devices.
-    sigma_px : (n, 2), standard deviation of the target's side, both sides' errors together.
+    sigma_px : (n, 2), standard deviation in target pixels, the errors of both sides together.
     """
 
     source_px: Floats
@@ -75,8 +75,8 @@ class FittedMap:
     parameters : (10 + 2 nodes,): H in half heights with its last number 1, k1, k2, then all nodes
         to the right and all nodes down, in half heights of the source.
     covariance : of these.
-    source_px, target_px, residual_px : (n, 2), where the points lie on either, and what the fit
-        leaves of each, in target pixels.
+    source_px, target_px, residual_px : (n, 2), where the points lie on either, and the residual of
+        the fit, in target pixels.
     inlier : (n,) bool.
     nodes : (rows, columns) of the residual.
     """
@@ -121,7 +121,7 @@ def fit_map(
 ) -> FittedMap:
     """The map that fits the pairs best. Deterministic: the same pairs give the same map.
 
-    Raises CalibrationError where no homography comes near most points, or the map folds.
+    Raises CalibrationError where no homography fits enough points roughly, or the map folds.
     """
     model = _Model(source_size_px, target_size_px, nodes)
     near, wanted = model.near(pairs.source_px), model.wanted(pairs.target_px)
@@ -137,7 +137,7 @@ def fit_map(
         lengths = np.hypot(*(error / sigma).T)
         middle = max(float(np.median(lengths)), _SLIGHT)
         weight = 1.0 / (1.0 + (lengths / (_CAUCHY * middle)) ** 2)
-        # Errors over what noise alone would leave: sigmas are enlarged by it where it is above 1.
+        # Errors over what noise alone would leave: sigmas are multiplied by it where it is above 1.
         scatter = max(middle / _RAYLEIGH, _together(model, near, error / sigma, lengths, nodes))
         per = np.sqrt(weight)[:, None] / (sigma * max(scatter, 1.0))
         rows = (model.slopes(numbers, basis, near) * per[..., None]).reshape(-1, numbers.size)
@@ -165,10 +165,10 @@ def fit_map(
 def _together(
     model: _Model, near: Floats, error: Floats, lengths: Floats, nodes: tuple[int, int]
 ) -> float:
-    """Scatter of errors, in their sigmas, as it is when neighbours are taken together: more than
-    that of each where neighbours err alike, which does not average out.
+    """Scatter of errors, in their sigmas, of means of neighbours. Where neighbours have correlated
+    errors, which do not average out, it is larger than the scatter of single points.
 
-    They are taken together in pieces of half the distance of nodes, which no residual follows.
+    Neighbours are averaged in pieces of half the distance of nodes, which no residual follows.
     """
     good = lengths < _INLIER_SIGMAS * np.median(lengths)
     wide = model.aspect
@@ -222,7 +222,7 @@ def _lens(model: _Model, start: Floats, near: Floats, wanted: Floats, loss: floa
 
     def errors(numbers: Floats) -> Floats:
         error = (model.through(numbers, model.straight(numbers, few)) - there) / loss
-        # Where points lie in the middle only, nothing else holds the lens.
+        # Where all points lie in the middle, nothing else constrains the lens.
         held = numbers[8:10] / _LENS_SD * np.sqrt(len(few)) * 0.01
         return np.concatenate([np.clip(error, -1e6, 1e6).ravel(), held])
 
@@ -304,7 +304,7 @@ class _Model:
         return found
 
     def prior(self, numbers: Floats) -> tuple[Floats, Floats]:
-        """Inverse covariance of what is likely beforehand, and its mean."""
+        """Inverse covariance of the prior, and its mean."""
         unit = 0.5 * self._source[1]
         rows, cols = self._nodes
         found = np.zeros((numbers.size, numbers.size))
@@ -318,7 +318,7 @@ class _Model:
         return found, np.zeros(numbers.size)
 
     def map(self, numbers: Floats) -> Map:
-        """As the rest of the program has it."""
+        """The same model as a `Map`."""
         width, height = self._source
         half, unit = 0.5 * height, 0.5 * self._target[1]
         into = np.array(
@@ -341,7 +341,7 @@ class _Model:
 
 
 def compute_spline_basis(points_px: Floats, size_px: ArrayLike, nodes: tuple[int, int]) -> Floats:
-    """Displacement at points (n, 2) of a device by a node of 1: (n, nodes).
+    """Displacement at points (n, 2) of a device by a node of value 1: (n, nodes).
     `pdcd.panels.distortion.MapResidual` is the same spline."""
     rows, cols = nodes
     at = np.clip(points_px / np.asarray(size_px), 0.0, 1.0)

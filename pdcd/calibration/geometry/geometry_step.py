@@ -1,4 +1,5 @@
-"""Where projector, mask and camera lie on one field: marks of both panels, on a card or a scene."""
+"""Where projector, mask and camera lie on one field, by marks of both panels on a card or a
+scene."""
 
 from __future__ import annotations
 
@@ -50,17 +51,17 @@ from pdcd.panels.map_soundness import LEAST_SHARE, find_points_on_device
 from pdcd.words import MarksName
 
 _LEAST_RADIUS_QUADS = 1.2
-"""Radius of a dot in a photo below which its centre is not found."""
+"""Radius of a dot in a photo below which its centre cannot be measured."""
 _BLUR_SIGMA = 0.06
-"""By how much the blur of edges of dots of 1.6 quads and more is found too small, at most."""
+"""By how much the blur of the edges of dots of 1.6 quads or more is underestimated, at most."""
 _FINER = (
     "the maps are not sure where there are no dots, as at the edge of a photo that sees a part of "
     "a panel: let the camera see all of it, or take stripes, which go up to the edge: --marks xor"
 )
 _PLACES = 32
-"""Places of the mask along either axis at which its map's error is asked for."""
+"""Places of the mask along either axis at which its map's error is computed."""
 _ALIKE_DEG = 20.0
-"""Turns of both panels that differ by less are one turn of the camera."""
+"""Where the turns of both panels differ by less than this, the camera alone is turned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +89,12 @@ class PanelMarks:
 
 
 def calibrate_geometry(session: CalibrationSession) -> StepScript:
-    """White, black and dots of each panel on a card: six photos. On a scene dots of the mask, which
-    hangs before it, and stripes of the projector: eight by the maps in use, XOR codes without any.
+    """White, black and dots of each panel on a card: six photos. On a scene, dots of the mask,
+    which hangs in front of it, and stripes of the projector: eight photos where maps are in use,
+    XOR codes where there are none.
 
-    The maps that come out replace the places of all three devices, and codes fill from then on what
-    of the projector's picture these share.
+    The resulting maps replace the places of all three devices. From then on codes fill what these
+    share of the projector's picture.
     """
     projector, mask = yield from _marked(session)
     composed = compose_maps(projector.main, mask.main)
@@ -129,7 +131,7 @@ def _shared(
     mask, camera = field.mask, field.camera
     at = np.stack(np.meshgrid(*((np.arange(_PLACES) + 0.5) / _PLACES,) * 2), axis=-1)
     on_mask = at.reshape(-1, 2) * mask.size_px
-    # Where nobody has seen the mask its map only goes on, and no field lies there.
+    # Where the camera does not see the mask, its map is only extrapolated: no field lies there.
     seen = find_points_on_device(field.projector, map_between(mask, field.projector, on_mask))
     seen &= find_points_on_device(camera, map_between(mask, camera, on_mask))
     sigma_px = float(np.nanquantile(composed.sigma_px(on_mask[seen]), 0.95)) if seen.any() else 0.0
@@ -151,8 +153,9 @@ def _cells(config: Config) -> tuple[int, int] | None:
 
 
 def _lens_blur_quads(mask: Dots) -> float:
-    """Standard deviation of the camera's own blur, by the edges of the mask's dots, which it alone
-    blurs: without the width of the quads; 0 where that is all there is."""
+    """Standard deviation of the camera's own blur, without the width of the quads. It is measured
+    at the edges of the mask's dots, which only the camera blurs; 0 where these are as sharp as the
+    quads."""
     quad = 1.0 / np.sqrt(12.0)
     if mask.blur_quads < (1.0 + _BLUR_SIGMA) * quad:
         return 0.0
@@ -171,7 +174,7 @@ def _field_figure(common: SharedField) -> MeasuredFigure:
 def _marked(
     session: CalibrationSession,
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, tuple[PanelMarks, PanelMarks]]:
-    """Both panels by what the session's marks are."""
+    """Measure both panels with the session's marks."""
     marks, (of_projector, of_mask) = choose_marks(session), make_dot_grids(session)
     if marks == "dots":
         projector = yield from _by_dots(session, of_projector, of_mask)
@@ -190,7 +193,7 @@ def _marked(
 
 
 def choose_marks(session: CalibrationSession) -> MarksName:
-    """What the panels are to show. Raises CalibrationError where maps are needed, and there are
+    """Which marks the panels show. Raises CalibrationError where maps are needed, and there are
     none."""
     if session.marks == "phase":
         for device in ("projector", "mask", "camera"):
@@ -208,7 +211,8 @@ def choose_marks(session: CalibrationSession) -> MarksName:
 def _by_stripes(
     session: CalibrationSession, grid: DotGrid, near_px: Sequence[Floats]
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, PanelMarks]:
-    """A panel by stripes. near_px : beliefs that number their periods, (h, w, 2) pixels each."""
+    """Measure a panel with stripes. near_px : pixels that quads are believed to see, (h, w, 2)
+    each; periods are numbered by the best of them."""
     code = _code(grid)
     striped = yield from measure_stripes(session, code, near_px)
     return PanelMarks(grid.panel, striped.fitted(session, code))
@@ -217,10 +221,10 @@ def _by_stripes(
 def _beliefs(
     session: CalibrationSession, grid: DotGrid, mask_of: FittedMap, marks: MarksName
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, list[Floats]]:
-    """Pixels of the projector that quads may see, (h, w, 2) each: by XOR codes, or by the maps in
-    use.
+    """Pixels of the projector that quads are believed to see, (h, w, 2) each: by XOR codes, or by
+    the maps in use.
 
-    mask_of : from quads to the mask, as it was found just now.
+    mask_of : from quads to the mask, as just measured.
     """
     quads = _quads(mask_of)
     if marks == "xor":
@@ -230,7 +234,7 @@ def _beliefs(
         rough = yield from measure_xor_map(session, XorCode(grid.panel, grid.size_px, base))
         return [rough.to_target(quads)]
     camera, projector, mask = (session.found(d) for d in ("camera", "projector", "mask"))
-    # Where the camera was bumped, mask and projector still lie as they did to each other.
+    # If the camera was bumped, mask and projector still lie as before relative to each other.
     near = [map_between(mask, projector, mask_of.to_target(quads))]
     if camera.size_px == mask_of.map.size_px:
         near.append(map_between(camera, projector, quads))
@@ -249,7 +253,7 @@ def _code(grid: DotGrid) -> PhaseCode:
 
 
 def compute_pixel_ratio(mask: Map, projector: Map) -> float:
-    """Pixels of the mask to one of the projector, along a side, in the middle of the mask."""
+    """Pixels of the mask per pixel of the projector, along a side, in the middle of the mask."""
     middle = 0.5 * np.array([mask.size_px], dtype=np.float64)
     slopes = [compute_map_slope(axis, projector, mask, middle)[0] for axis in (0, 1)]
     return float(1.0 / np.sqrt(abs(np.linalg.det(np.array(slopes)))))
@@ -264,9 +268,10 @@ def make_dot_grids(session: CalibrationSession) -> tuple[DotGrid, DotGrid]:
 def _by_dots(
     session: CalibrationSession, grid: DotGrid, other: DotGrid
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, PanelMarks]:
-    """A panel by the photos of its three pictures, seen where the other one lets light pass.
+    """Measure a panel with photos of its three pictures, seen where the other panel lets light
+    pass.
 
-    other : dots of the other panel, to tell swapped outputs.
+    other : dots of the other panel, by which swapped outputs are recognised.
     """
     photos: list[QuadPhoto] = []
     pattern, subject = "RGGB", session.subject
@@ -291,8 +296,8 @@ def check_dots_in_frame(session: CalibrationSession, frame: tuple[int, int]) -> 
 
 
 def _refuse_coarse(frame: tuple[int, int], grid: DotGrid) -> None:
-    """Raise CalibrationError where quads are so large that a dot has hardly any, even if the panel
-    fills the photo."""
+    """Raise CalibrationError where quads are so large that a dot covers hardly any, even if the
+    panel fills the photo."""
     across = max(frame[0] / grid.size_px[1], frame[1] / grid.size_px[0])
     if across * grid.radius_px < _LEAST_RADIUS_QUADS:
         raise CalibrationError(
@@ -303,15 +308,15 @@ def _refuse_coarse(frame: tuple[int, int], grid: DotGrid) -> None:
 
 
 def _refuse_unlike(session: CalibrationSession, composed: ComposedMaps) -> None:
-    """Raise CalibrationError for a panel that is mirrored or turned unlike the configuration, where
-    the other one is not: what both show alike is the camera's own way of looking."""
+    """Raise CalibrationError where one panel is mirrored or turned, unlike the configuration, and
+    the other one is not. What both have in common is how the camera is turned."""
     found = composed.projector_of.map, composed.mask_of.map
     width, height = found[0].size_px
     try:
         panels = panels_of(session.config)
         camera = make_camera_map(session.config, (height, width))
     except ConfigError:
-        return  # a belief that cannot be tells nothing
+        return  # an impossible configuration is nothing to compare with
     believed = [make_believed_map(camera, one.map) for one in (panels.projector, panels.mask)]
     turns = [compare_orientation(*both) for both in zip(found, believed, strict=True)]
     apart = abs((turns[0][0] - turns[1][0] + 180.0) % 360.0 - 180.0)
@@ -322,7 +327,7 @@ def _refuse_unlike(session: CalibrationSession, composed: ComposedMaps) -> None:
 
 
 def _draw(figure: Any, *panels: PanelMarks) -> None:
-    """What the maps of projector and mask leave of each mark."""
+    """Residuals of the maps of projector and mask at each mark."""
     fields = []
     for marked in panels:
         fitted = marked.main

@@ -1,4 +1,5 @@
-"""Which dot is which: dots in a photo are counted along their lattice, then told by the code."""
+"""Which dot is which: dots in a photo are counted along their lattice, then identified by the
+code."""
 
 from __future__ import annotations
 
@@ -13,13 +14,13 @@ from scipy.spatial import cKDTree
 from pdcd.arrays import Floats, Indices
 
 _NEAR = 0.3
-"""Share of a lattice step by which a dot may lie beside its foreseen place."""
+"""Largest distance of a dot from its predicted place, in lattice steps."""
 _SEEDS = 9
-"""Dots from which counting is begun, one after the other, until most are counted."""
+"""Dots from which counting starts, one after the other, until enough dots are counted."""
 _ENOUGH = 0.6
-"""Share of the dots that are counted in one go where nothing is amiss."""
+"""Share of the dots that must be counted for no other start to be tried."""
 LEAST_SCORE, LEAST_LEAD = 0.6, 0.25
-"""Agreement with the code that is wanted, and its lead on the second best place. Chance alone
+"""Least agreement with the code, and its least lead over the second best place. Chance alone
 reaches 4.5 / sqrt(places) of all places, turns and mirrors."""
 
 SYMMETRIES: tuple[tuple[tuple[int, int], tuple[int, int]], ...] = (
@@ -39,7 +40,7 @@ SYMMETRIES: tuple[tuple[tuple[int, int], tuple[int, int]], ...] = (
 class LatticePlace:
     """Where counted dots lie in their grid: `index = symmetry @ counted + shift`.
 
-    score : agreement with the code, 1 at best. lead : by how much it leads on the second best.
+    score : agreement with the code, 1 at best. lead : of the score over the second best.
     """
 
     symmetry: Indices
@@ -49,7 +50,7 @@ class LatticePlace:
 
     @property
     def sure(self) -> bool:
-        """Whether it is no chance."""
+        """Whether the agreement is more than chance."""
         return self.score >= LEAST_SCORE and self.lead >= LEAST_LEAD
 
     def index(self, counted: Indices) -> Indices:

@@ -15,11 +15,11 @@ OFFSETS_QUADS = {
     "GBRG": ((-0.25, 0.25), (0.0, 0.0), (0.25, -0.25)),
     "": ((0.0, 0.0),),
 }
-"""Where the samples of red, green (the mean of both) and blue lie about the middle of their quad,
-(right, down), by the camera's mosaic; of a sensor without colours there is one, in the middle."""
+"""Where the samples of red, green (the mean of both) and blue lie relative to the middle of their
+quad, (right, down), by the camera's mosaic. A sensor without colours has one, in the middle."""
 
 _STEP = 4
-"""Quads between those that are looked at when a photo is judged as a whole."""
+"""Every so many quads are sampled when a photo is judged as a whole."""
 _LEAST_SNR = 4.0
 """Signal over noise of one quad below which a panel's light is too dim."""
 LIT_SIGMAS = 5.0
@@ -29,16 +29,16 @@ _LIT = 0.15
 _LEAST_LIT = 0.02
 """Share of the frame that a panel must light."""
 _SATURATED = 0.002
-"""Share of saturated quads that is borne: hot pixels, a glint."""
+"""Share of saturated quads that is accepted: hot pixels, a glint."""
 _MOST_AMBIENT = 1.0
-"""Light of the room over light of the panel that is borne."""
+"""Light of the room over light of the panel that is accepted."""
 
 
 def find_panel_light(white: QuadPhoto, black: QuadPhoto, panel: str) -> Bools:
     """Where the light of a panel falls, (h, w) bool: where white is brighter than black.
 
-    Raises CalibrationError, which names the cause, where these photos tell nothing of the panel: no
-    light at all, a panel that does not switch, too little light, too much, a lit room.
+    Raises CalibrationError, which names the cause, where these photos cannot be used: no light at
+    all, a panel that does not switch, too little light, too much, a lit room.
     """
     values = [photo.main[::_STEP, ::_STEP] for photo in (white, black)]
     if not all(np.isfinite(one).all() for one in values) or white.frame != black.frame:
@@ -78,7 +78,7 @@ def find_panel_light(white: QuadPhoto, black: QuadPhoto, panel: str) -> Bools:
 
 
 def _check_light(white: Floats, light: Floats, noise: Floats, panel: str) -> None:
-    """Whether there is any light, and whether it is the panel's."""
+    """Raise CalibrationError where there is no light, or it is not the panel's."""
     mean_noise = float(np.median(noise)) / np.sqrt(light.size)
     if np.percentile(light / noise, 99.0) > LIT_SIGMAS:
         return

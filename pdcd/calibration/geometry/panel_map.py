@@ -23,17 +23,17 @@ from pdcd.panels.map import Map, map_between
 from pdcd.words import SubjectName
 
 _DISC = 3, 12
-"""Rings and places in a ring at which a dot is looked at."""
+"""Rings of a dot, and places in each, at which its disc is sampled."""
 _FLOOR_QUADS = 0.01
 """Error of a dot's place without any noise: quads are coarse, and so are the panel's pixels."""
 _NEIGHBOURS = 2
-"""Dots to a side among which one must have been found for a place to count as seen."""
+"""Dots to either side that are considered to decide whether a place counts as seen."""
 _LEAST_SEEN = MappingProxyType({"card": 0.9, "scene": 0.5})
-"""Share of the dots in the frame that must be seen; what a scene hides the model bridges."""
+"""Share of the dots in the frame that must be seen; the model bridges what a scene hides."""
 _LEAST_IN_FRAME = 0.5
 """Share of all dots that must be in the frame."""
 _BLOCK = 12
-"""Quads a side whose decoded places are taken together."""
+"""Side, in quads, of a block whose decoded places are averaged."""
 _LEAST_IN_BLOCK = 0.25
 _CLIPPED = 3.0 * 1.4826
 _CLOSE_PX = 0.05
@@ -42,25 +42,25 @@ _SWAPPED = "the outputs are swapped: exchange the cables, or the outputs in the 
 
 _INLIERS = MappingProxyType({"card": 0.95, "scene": 0.8})
 _MAD_PX, _WORST_PX, _RESIDUAL_PX, _SIGMA_PX = 0.1, 0.3, 2.0, 0.05
-"""Accepted: share of inliers at least; median and 95th percentile of what the fit leaves, the
-residual's largest displacement and the map's own 95th percentile error at most."""
+"""Limits: least share of inliers; largest median and 95th percentile of the fit's residuals;
+largest displacement of the residual spline; largest 95th percentile of the map's own error."""
 _SEEN, _NEAR = 0.6, 0.05
 """Share of the photo of a scene that has points near it, and how near, over its diagonal."""
 _REFUSED, _UNSURE = 3.0, 10.0
-"""Times the limit beyond which a map is not only doubtful; of how sure it is at the worst edge,
-which the rest of it says nothing of: half a pixel there."""
+"""Times the limit beyond which a map is bad, not only doubtful. The second is for the map's own
+error: half a pixel at its worst edge, which says nothing of the rest."""
 _APART_PX = 0.5
 """Colours of a panel that lie further apart are worth a look at its convergence."""
 
 
 def fit_dots(dots: Dots, frame: tuple[int, int], subject: SubjectName = "card") -> FittedMap:
-    """The map from quads to the panel's pixels, out of its dots in one colour.
+    """The map from quads to the panel's pixels, fitted to its dots in one colour.
 
     frame : rows and columns of the photo.
 
-    A disc's centroid in a photo is not where its centre is seen, where the scale changes across it:
-    that is worked out by the map itself, and taken off. Raises CalibrationError where the map
-    cannot be trusted; whether the panel is seen at all is for `check_dot_coverage` to say.
+    Where the scale changes across a disc, its centroid in a photo is not where its centre is seen.
+    A first map gives this shift, which is subtracted before the second fit. Raises CalibrationError
+    where the map cannot be trusted; `check_dot_coverage` checks whether the panel is seen at all.
     """
     grid = dots.grid
     first = _fit_dots(dots, frame)
@@ -76,11 +76,12 @@ def fit_decoded_quads(
     offset_quads: tuple[float, float] = (0.0, 0.0),
     subject: SubjectName = "card",
 ) -> FittedMap:
-    """The same out of stripes: means over blocks of what a first fit leaves are fitted again.
+    """The same map from stripes: residuals of a first fit are averaged over blocks, and fitted
+    again.
 
-    offset_quads : of the colour's samples from the middle of their quad. subject : on a scene light
-    that comes round corners is decoded elsewhere, and left out. Raises CalibrationError where the
-    map cannot be trusted.
+    offset_quads : of the colour's samples from the middle of their quad. subject : on a scene,
+        light that comes round corners decodes to other places, and is left out. Raises
+        CalibrationError where the map cannot be trusted.
     """
     rows, cols = decoded.valid.shape
     middle = _BLOCK // 2
@@ -101,7 +102,8 @@ def compare_orientation(found: Map, believed: Map) -> tuple[float, bool]:
     """How a found map (from quads to the panel) differs from the believed one at the middle of the
     photo: turned clockwise by so many degrees, -180 to 180, and whether mirrored."""
     middle = 0.5 * np.array([found.size_px], dtype=np.float64)
-    # Fields may have other sides: compare in the panel's own directions as seen in the photo.
+    # The sides of the fields may differ: compare in the panel's own directions as seen in the
+    # photo.
     change = found.jacobian(middle)[0] @ np.linalg.inv(believed.jacobian(middle)[0])
     if np.linalg.det(change) < 0.0:
         return 0.0, True
@@ -112,10 +114,10 @@ def compare_orientation(found: Map, believed: Map) -> tuple[float, bool]:
 
 def check_orientation(found: Map, believed: Map, panel: str, other: Map | None = None) -> None:
     """Raise CalibrationError for a panel that is seen mirrored, upside down or on its side, unlike
-    what the configuration says; or just where the other panel is believed to be, and not this one.
+    what the configuration says; or that is seen where the other panel is believed to be.
 
-    found, believed, other : from quads of the photo to the unit square of the panel's pixels, as
-        they were found, and as they are believed of this panel and of the other.
+    found, believed, other : from quads of the photo to the unit square of the panel's pixels: the
+        map that was found, the believed map of this panel, and that of the other.
     """
     if other is not None and _apart(found, other) < 0.25 * _apart(found, believed):
         raise CalibrationError(
@@ -155,7 +157,7 @@ def make_believed_map(camera: Map, panel: Map) -> Map:
 
 
 def check_fitted_map(fitted: FittedMap, panel: str, subject: SubjectName = "card") -> FittedMap:
-    """The map itself. Raises CalibrationError for one that is far beyond the limits."""
+    """Return the map. Raises CalibrationError where it is far beyond the limits."""
     left = np.hypot(fitted.residual_px[:, 0], fitted.residual_px[:, 1])
     inliers = _share_of_inliers(fitted, left, 1.0)
     worst = float(np.percentile(left, 95.0))
@@ -171,8 +173,8 @@ def check_fitted_map(fitted: FittedMap, panel: str, subject: SubjectName = "card
 
 
 def _share_of_inliers(fitted: FittedMap, left_px: Floats, scale: float) -> float:
-    """Share of the points that the map leaves about as much of as of most, or no more than the
-    worst may have: among points that fit far better these are no strangers."""
+    """Share of the points that are inliers, or whose residual is within the limit for the worst:
+    where the others fit far better, these are still no outliers."""
     return float(np.mean(fitted.inlier | (left_px <= scale * _WORST_PX)))
 
 
@@ -183,17 +185,17 @@ def list_map_figures(
     subject: SubjectName = "card",
     beside: FittedMap | None = None,
 ) -> list[MeasuredFigure]:
-    """How good a map is, each with its limit.
+    """How good a map is, as figures with their limits.
 
-    scale : pixels of this panel to one of the projector. A finer panel's may be off by more of
-        them: what counts is the place on the projector.
-    beside : the other panel's map: only where that lets light pass, too, a map is of any use.
+    scale : pixels of this panel per pixel of the projector. A finer panel may be off by more of its
+        own pixels: what counts is the place on the projector.
+    beside : the other panel's map: a map is used only where that panel lets light pass, too.
     """
     scale = max(1.0, scale)
     left = np.hypot(fitted.residual_px[:, 0], fitted.residual_px[:, 1])
     count, least = len(left), _INLIERS[subject]
     inliers, middle = _share_of_inliers(fitted, left, scale), mad_px(fitted.residual_px)
-    # Of a scene, points that lie elsewhere are light that went another way.
+    # In a scene, points that lie elsewhere are light that took another way.
     worst = float(np.percentile(left if subject == "card" else left[fitted.inlier], 95.0))
     places = _on_panel(fitted)
     if beside is not None:
@@ -202,7 +204,7 @@ def list_map_figures(
         np.hypot(*make_residual(fitted.map.residual, fitted.map.size_px).at(places).T).max()
     )
     more = []
-    if subject == "scene":  # where it is dark no photo tells, and none will
+    if subject == "scene":  # dark places of a scene cannot be measured, nor are they used
         share = _near_points(fitted, places)
         more.append(_figure(f"{panel}.seen", share, 0.0, _SEEN))
         places = fitted.source_px[fitted.inlier]
@@ -218,7 +220,7 @@ def list_map_figures(
 
 
 def _within(px: Floats, size_px: Sequence[int], margin: float = 0.0) -> NDArray[np.bool_]:
-    """Which places of a panel (n, 2) are on it, and so far from its edges."""
+    """Which places of a panel (n, 2) are on it, and at least `margin` from its edges."""
     with np.errstate(invalid="ignore"):
         inside = (px >= margin) & (px <= np.array(size_px, dtype=np.float64) - margin)
     return np.asarray(inside.all(axis=-1))
@@ -237,11 +239,11 @@ def measure_convergence(
     """How far red and blue of a panel lie from green; nothing where the camera sees no colours.
 
     colours : the maps in red, green and blue, or in grey.
-    beside : those of a panel that one light shines through, and that has no convergence of its
-        own. How far its colours are apart in the photo is the camera's doing, and taken off.
+    beside : maps of a panel that a single light shines through, and that has no convergence of its
+        own. How far its colours are apart in the photo is the camera's doing, and is subtracted.
 
     Returns (places, 2, 2) float64, red minus green and blue minus green over the photo, right and
-    down in panel pixels; and the largest lengths as figures.
+    down in panel pixels; and the 95th percentiles of their lengths as figures.
     """
     if len(colours) == 1:
         return np.zeros((0, 2, 2)), []
@@ -249,7 +251,7 @@ def measure_convergence(
     places = _both_see(green, None if beside is None else beside[1])
     found = _colours_apart(colours, places)
     if beside is not None:
-        # A shift in the photo, and what it is on this panel.
+        # The shift in the photo, converted to pixels of this panel.
         in_photo = _times(np.linalg.inv(beside[1].slope(places)), _colours_apart(beside, places))
         found = found - _times(green.slope(places), in_photo)
     given = []
@@ -261,7 +263,7 @@ def measure_convergence(
 
 
 def _both_see(one: FittedMap, other: FittedMap | None) -> Floats:
-    """Places (n, 2) over the photo that lie on a panel, and on the other one."""
+    """Places (n, 2) over the photo that lie on a panel, and on the other one where it is given."""
     width, height = one.map.size_px
     places = np.stack(
         np.meshgrid((np.arange(24) + 0.5) / 24 * width, (np.arange(16) + 0.5) / 16 * height), -1
@@ -275,8 +277,8 @@ def _colours_apart(colours: Sequence[FittedMap], places: Floats) -> Floats:
     """Red minus green and blue minus green at places (n, 2) of the photo, (n, 2, 2), in pixels of
     the panel.
 
-    Light of one pixel is seen in two colours at different places: the shift in the photo, in
-    pixels, is the difference of the maps the other way round.
+    Light of one pixel is seen at different places in two colours: the shift in the photo, in panel
+    pixels, is the difference of the maps with its sign reversed.
     """
     red, green, blue = (one.to_target(places) for one in colours)
     return np.stack([green - red, green - blue], axis=1)
@@ -303,7 +305,7 @@ def _figure(
 
 
 def _fit_dots(dots: Dots, frame: tuple[int, int]) -> FittedMap:
-    """A map out of dots as they are; their errors are those of the photo."""
+    """A map fitted to dots as they are; their errors are those of the photo."""
     grid, size = dots.grid, (frame[1], frame[0])
     slope = np.linalg.lstsq(
         np.column_stack([dots.camera_px, np.ones(len(dots.index))]), dots.panel_px, rcond=None
@@ -313,7 +315,8 @@ def _fit_dots(dots: Dots, frame: tuple[int, int]) -> FittedMap:
 
 
 def _disc_shift(fitted: FittedMap, panel_px: Floats, radius_px: float) -> Floats:
-    """Centroids of discs in the photo, from where their centres are seen, (n, 2) in quads."""
+    """Centroids of discs in the photo less the places where their centres are seen, (n, 2) in
+    quads."""
     rings, around = _DISC
     radii = radius_px * np.sqrt((np.arange(rings) + 0.5) / rings)
     angles = 2.0 * np.pi * np.arange(around) / around
@@ -334,11 +337,12 @@ def check_dot_coverage(
     beside: FittedMap | None = None,
     subject: SubjectName = "card",
 ) -> None:
-    """Raise CalibrationError where dots are not seen all over the part of a panel that the camera
-    sees, or that is too small a part.
+    """Raise CalibrationError where dots are missing in the part of a panel that the camera sees, or
+    where that part is too small.
 
-    other : dots of the other panel, to tell swapped outputs. beside : its map: light that it lets
-    pass falls on a part only of a panel that has other sides. subject : a scene hides some dots.
+    other : dots of the other panel, by which swapped outputs are recognised. beside : its map;
+        where the panels differ in shape, the light that it lets pass falls only on a part of this
+        one. subject : a scene hides some dots.
     """
     grid, frame = dots.grid, fitted.map.size_px
     rows, cols = grid.shape
@@ -347,7 +351,7 @@ def check_dot_coverage(
     margin = RING * grid.radius_px * quads_per_px(fitted) + 2.0
     framed = inside = _within(places, frame, margin)
     if beside is not None:
-        # So far from its edges as a dot and its ring reach, in its own pixels.
+        # As far from its edges as a dot and its ring reach, in its own pixels.
         reach = margin / quads_per_px(beside)
         inside = framed & _within(beside.to_target(places), beside.target_size_px, reach)
     found = np.zeros((rows, cols), dtype=np.bool_)
@@ -374,7 +378,8 @@ def check_dot_coverage(
 
 
 def _check_cut(dots: Dots, other: DotGrid | None) -> None:
-    """Whether only so much is seen as a panel of the other one's size would show."""
+    """Raise CalibrationError where only as much is seen as a panel of the other one's size
+    shows."""
     grid = dots.grid
     if other is None or other.size_px == grid.size_px:
         return
@@ -392,7 +397,7 @@ def _check_cut(dots: Dots, other: DotGrid | None) -> None:
 
 
 def _blocks(decoded: DecodedQuads, first: FittedMap, step: int, offset_quads: Floats) -> PointPairs:
-    """Means over blocks of what a first fit leaves, without outliers, at the mean place."""
+    """Residuals of a first fit, averaged over blocks without outliers, at the mean places."""
     rows, cols = (side // step for side in decoded.valid.shape)
     whole = np.s_[: rows * step, : cols * step]
     y, x = np.mgrid[: rows * step, : cols * step] + 0.5
@@ -425,7 +430,7 @@ def _on_panel(fitted: FittedMap) -> Floats:
 
 
 def quads_per_px(fitted: FittedMap) -> float:
-    """Quads to a pixel of the panel, along a side, in the middle of the photo."""
+    """Quads per pixel of the panel, along a side, in the middle of the photo."""
     middle = 0.5 * np.array([fitted.map.size_px], dtype=np.float64)
     return float(1.0 / np.sqrt(abs(np.linalg.det(fitted.slope(middle)[0]))))
 

@@ -1,14 +1,14 @@
-"""Sine stripes made of time: for each quad, the panel pixel that it sees.
+"""Sine stripes in black and white: for each quad, the panel pixel that it sees.
 
-Grey is made of black and white: a sine is shown as 16 pictures of one refresh each, sine above a
-threshold, and the shutter adds them up. Each pixel is lit in one run, so that the panel's response
-does not enter, and its rise and fall add the same everywhere. With I_s the photo of the sine
-shifted by s of S steps,
+A sine is shown as 16 black and white pictures of one refresh each: where the sine is above a
+threshold. The shutter adds them up. Each pixel is lit in one run, so the panel's response does not
+matter, and its rise and fall add the same everywhere. With I_s the photo of the sine shifted by s
+of S steps,
 
     z = sum of I_s exp(2 pi i s / S),    x = P arg(z) / 2 pi + P n.
 
-The period's number n comes from a belief that is less than half a period wrong: the maps in use, or
-whole pixels out of XOR codes.
+The period's number n comes from a prior that is less than half a period wrong: the maps in use, or
+whole pixels decoded from XOR codes.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ LEAST_VALID = 0.02
 _MOST_BEYOND = 0.02
 """Share of the decoded quads that may lie beyond the panel: noise at its edges."""
 _WRAPPED, _MOST_WRAPPED = 0.4, 0.05
-"""Difference from a belief, in periods, that is near to the next period, and the share of quads
-that may have it."""
+"""Difference from the prior, in periods, that is near to the next period, and the largest share of
+quads that may have it."""
 _AROUND, _AROUND_SHARE = 7, 0.9
-"""Quads a side about each, and the share of them that must be valid: beside an edge of the picture,
-or of what covers it, blur moves the stripes."""
+"""Side, in quads, of the surroundings of each quad, and the share of them that must be valid: at an
+edge of the picture, or of what covers it, blur moves the stripes."""
 AXES = ("x", "y")
 
 
@@ -140,7 +140,7 @@ class Sines:
         """(h, w), of all shifts: half of the light."""
 
     def add(self, photo: QuadPhoto) -> None:
-        """The next shift."""
+        """Add the photo of the next shift."""
         if not self._step:
             self._z, self._turned = (np.zeros(photo.frame, np.complex128) for _ in range(2))
             self._variance, self.mean = np.zeros(photo.frame), np.zeros(photo.frame)
@@ -174,8 +174,8 @@ class Sines:
             )
 
     def beside(self, near_px: Floats) -> tuple[float, float]:
-        """By how much stripes lie beside a belief (h, w), half a period at most either way, as most
-        quads say, and how alike they say it: 1 is all the same."""
+        """How far stripes lie from a prior (h, w), in pixels, within half a period either way, as
+        most quads have it; and how well the quads agree: 1 is perfectly."""
         period = self.code.period_px
         with np.errstate(invalid="ignore"):
             known = np.isfinite(near_px) & ~self._saturated
@@ -186,7 +186,8 @@ class Sines:
         return period * float(np.angle(together)) / (2.0 * np.pi), alike
 
     def place(self, near_px: Floats) -> Placed:
-        """Pixel nearest to the given ones, its standard deviation, and whether it is valid."""
+        """Pixel of each quad, in the period nearest to `near_px`; its standard deviation, and
+        whether it is valid."""
         period = self.code.period_px
         size = np.abs(self._z)
         with np.errstate(all="ignore"):
@@ -206,11 +207,12 @@ class Sines:
 
 
 def join_axes_on_panel(axes: Sequence[Placed], code: PhaseCode) -> DecodedQuads:
-    """Both axes, if they make sense. Raises CalibrationError."""
+    """Join both axes. Raises CalibrationError where few quads are decoded, or many lie off the
+    panel."""
     found = join_axes(axes, code)
     panel_px, valid = found.panel_px, found.valid
     inside = ((panel_px >= 0.0) & (panel_px <= code.size_px)).all(axis=-1)
-    # Half a period beyond is another one's number; a little is noise.
+    # Half a period beyond the panel, the period's number is wrong; a little beyond is noise.
     near = ((panel_px > -1.0) & (panel_px < np.array(code.size_px) + 1.0)).all(axis=-1)
     beyond = float(np.mean(~np.asarray(near)[valid]))
     if beyond > _MOST_BEYOND:
@@ -223,7 +225,8 @@ def join_axes_on_panel(axes: Sequence[Placed], code: PhaseCode) -> DecodedQuads:
 
 
 def join_axes(axes: Sequence[Placed], code: PhaseCode) -> DecodedQuads:
-    """Both axes as they are, wherever they lie. Raises CalibrationError where few quads tell."""
+    """Join both axes, wherever the pixels lie. Raises CalibrationError where few quads are
+    decoded."""
     (x, sigma_x, valid_x), (y, sigma_y, valid_y) = axes
     valid = valid_x & valid_y
     share = cv2.blur(valid.astype(np.float32), (_AROUND, _AROUND), borderType=cv2.BORDER_REPLICATE)

@@ -22,14 +22,14 @@ FieldBox = tuple[int, int, int, int]
 """Left, top, width and height in pixels of the projector."""
 
 MOST_PLACES = 1_500_000
-"""Pixels that are searched one by one; of a larger picture, blocks of them."""
+"""Pixels that are searched one by one, at most; a larger picture is searched by blocks."""
 ENOUGH = 0.5
 """Share of the projector's picture below which something is to be moved."""
 _WHOLE_CELLS = 0.02
 """Share of the field that is given up so that its cells are of whole pixels."""
 _ASIDE, _LARGE = 0.05, 0.9
-"""Shift, as a share of the picture, and size over the picture's from which there is no need to
-speak of either."""
+"""Largest shift, as a share of the picture, that advice does not mention, and size over the
+picture's from which it does not mention the size."""
 _SIGMAS = 3.0
 """Standard deviations of a map by which the field keeps off a device's edge."""
 
@@ -63,7 +63,7 @@ def find_shared_field(
     grid : rows and columns of cells that are to be of whole pixels where that costs little; None:
         any cells.
 
-    Raises CalibrationError, in the words of the advice, where they share nothing.
+    Raises CalibrationError, with the advice as its hint, where they share nothing.
     """
     picture = Map.filling(size_px)
     good = {name: find_pixels_on(picture, map_, edges_px[name]) for name, map_ in devices.items()}
@@ -91,19 +91,20 @@ def find_shared_field(
 
 
 def edge_px(sigma_px: float, own_px: float) -> float:
-    """How far from a device's edge the field keeps, in its pixels: what its map may be off by. The
-    outermost pixel may lie half beside, which nobody sees (`pdcd.panels.map_soundness.SHORT_PX`).
+    """How far the field keeps from a device's edge, in the device's pixels, because its map has
+    errors. The outermost pixel may lie half beyond the edge, which nobody sees
+    (`pdcd.panels.map_soundness.SHORT_PX`).
 
     sigma_px : standard deviation of the map in projector pixels. own_px : pixels of the device
-    along one of the projector's.
+        along one of the projector's.
     """
     return _SIGMAS * sigma_px * own_px - SHORT_PX
 
 
 def find_largest_box(good: Bools) -> FieldBox:
-    """The largest rectangle of a picture (height, width) in which all is good; of none, an empty
-    one. Of a large picture it is searched by blocks of pixels, and its sides are moved outwards
-    as far as all is good then."""
+    """The largest rectangle of a picture (height, width) in which all is good; an empty one where
+    there is none. A large picture is searched by blocks of pixels; then the sides of the rectangle
+    are moved outwards while all in it is good."""
     block = math.ceil(math.sqrt(good.size / MOST_PLACES))
     if block <= 1:
         return _largest(good)
@@ -116,8 +117,8 @@ def find_largest_box(good: Bools) -> FieldBox:
 
 
 def _largest(good: Bools) -> FieldBox:
-    """The same of single pixels: row by row, rectangles that end there, by a stack of the columns
-    whose heights grow."""
+    """The same, pixel by pixel. For each row it finds the rectangles that end there, by a stack of
+    the columns whose heights grow."""
     best, found = 0, (0, 0, 0, 0)
     heights = np.zeros(good.shape[1] + 1, dtype=np.int64)  # the last one stays 0
     for row in range(good.shape[0]):
@@ -156,8 +157,8 @@ def _grown(good: Bools, box: FieldBox) -> FieldBox:
 
 
 def fit_whole_cells(box: FieldBox, grid: tuple[int, int]) -> FieldBox:
-    """The field in the middle of another whose cells are of whole pixels, where that gives up no
-    more than `_WHOLE_CELLS` of it; else the same."""
+    """The field made smaller about its middle so that its cells are of whole pixels, where that
+    gives up no more than `_WHOLE_CELLS` of it; else the field as it is."""
     left, top, width, height = box
     rows, cols = grid
     wide, high = width // cols * cols, height // rows * rows

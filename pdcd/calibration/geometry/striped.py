@@ -1,6 +1,6 @@
-"""One panel's map by stripes: what each quad sees, in photos of sines that time adds up.
+"""One panel's map by stripes: which panel pixel each quad sees, from photos of sines.
 
-Which period it is, a map that is nearly right tells, or XOR codes; a Gray code would not, where
+Periods are numbered by a map that is nearly right, or by XOR codes; a Gray code would fail where
 light comes round corners.
 """
 
@@ -37,12 +37,12 @@ from pdcd.calibration.script import (
 
 _BASES_PX = (4, 8, 16, 32)
 _BASE_QUADS = 3.5
-"""Base stripes of XOR codes: the narrowest that are so wide in a photo."""
+"""Base stripes of XOR codes: the narrowest of `_BASES_PX` that are so wide in a photo."""
 
 
 @dataclass(frozen=True, eq=False)
 class DecodedStripes:
-    """What stripes told of a panel in each colour."""
+    """What a panel's stripes showed in each colour."""
 
     seen: tuple[DecodedQuads, ...]
     pattern: str
@@ -64,9 +64,9 @@ class DecodedStripes:
 def measure_stripes(
     session: CalibrationSession, code: PhaseCode, near_px: Sequence[Floats]
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, DecodedStripes]:
-    """Sines alone, and random blocks. They are numbered by the best of some beliefs, each (h, w, 2)
-    pixels of the panel: those that most quads agree on, wherever all of them have moved to. Raises
-    CalibrationError where none is near enough."""
+    """Photograph sines along both axes, and random blocks. Periods are numbered by the best of some
+    priors, each (h, w, 2) pixels of the panel: the one on whose offset most quads agree, whatever
+    that offset is. Raises CalibrationError where none is near enough."""
     axes, beliefs, half = [], [], np.zeros((0, 0))
     for axis in (0, 1):
         sines, pattern = yield from _sines(session, code, axis)
@@ -89,7 +89,7 @@ def measure_stripes(
 def measure_xor_map(
     session: CalibrationSession, code: XorCode
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, FittedMap]:
-    """Whole pixels without any belief: a map that is near enough to number sines by. Raises
+    """Whole pixels, decoded without a prior: a map that is good enough to number sines by. Raises
     CalibrationError."""
     planes = yield from photograph_xor_code(session, code)
     return fit_decoded_quads(planes.decoded(), code.size_px, code.panel, subject=session.subject)
@@ -107,7 +107,8 @@ def photograph_xor_code(
 
 
 def base_px(quads_per_px: float) -> int:
-    """Width of the base stripes that a camera resolves of which a pixel has so many quads."""
+    """Width of the narrowest base stripes that a camera resolves where a pixel spans so many quads;
+    the widest where it resolves none."""
     return next((base for base in _BASES_PX if base * quads_per_px >= _BASE_QUADS), _BASES_PX[-1])
 
 
@@ -133,7 +134,7 @@ def _sines(
 
 
 def _placed(sines: Sequence[Sines], near_px: Floats) -> list[Placed]:
-    """Pixels along an axis in each colour: red and blue are where green is."""
+    """Pixels along an axis in each colour; red and blue take their periods from green."""
     main = pick_main(sines)
     placed = main.place(near_px)
     return [placed if one is main else one.place(placed[0]) for one in sines]

@@ -33,8 +33,8 @@ _LEAST_SURE = 0.5
 class XorCode:
     """The patterns of one panel.
 
-    size_px : (width, height). base_px : width of the base stripes, 2 (where nothing is blurred by
-    a pixel), 4, or a higher power of two before a camera that does not resolve them.
+    size_px : (width, height). base_px : width of the base stripes: 2 (where a pixel's light is not
+        blurred), 4, or a higher power of two for a camera that does not resolve these.
     """
 
     panel: PanelName
@@ -55,7 +55,8 @@ class XorCode:
         return self.base_px.bit_length() - 2
 
     def lines(self, axis: int) -> Bools:
-        """(bits, pixels) bool along an axis, the highest bit first. The base is as it is."""
+        """(bits, pixels) bool along an axis, the highest bit first. The base bit itself is not
+        XORed."""
         number = np.arange(self.size_px[axis])
         gray = number ^ (number >> 1)
         base = gray >> self.base_bit & 1
@@ -67,7 +68,7 @@ class XorCode:
         return np.array(planes, dtype=np.bool_)
 
     def shown(self, refreshes: int) -> tuple[PanelSequence, ...]:
-        """The photos in the order in which decoding wants them: each bit and its inverse."""
+        """The photos in the order in which they are decoded: each bit and its inverse."""
         index = np.zeros(refreshes, dtype=np.int32)
         found = []
         for axis, name in enumerate(AXES):

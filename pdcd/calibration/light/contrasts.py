@@ -48,13 +48,13 @@ class _Share:
 
     @property
     def seen(self) -> bool:
-        """Whether it stands out of its error."""
+        """Whether it clearly exceeds its error."""
         return self.value > _SEEN_SIGMAS * self.sigma
 
     @property
     def contrast(self) -> tuple[float, float]:
-        """White over black and its standard deviation; where black is not seen, the least that it
-        is, with no deviation."""
+        """White over black and its standard deviation; where black is not seen, a lower limit with
+        no deviation."""
         if not self.seen:
             return 1.0 / (max(self.value, 0.0) + _SEEN_SIGMAS * self.sigma), 0.0
         return 1.0 / self.value, self.sigma / self.value**2
@@ -65,13 +65,13 @@ class LightMeasurement:
     """What was measured.
 
     projector, mask : black over white: 1 / contrast of the configuration's tables.
-    room : its light over the projector's white on what stands there; None without a covered photo,
-        and `projector` then holds it, too.
+    room : light of the room over the projector's white, on the card; None without a covered photo,
+        and `projector` then includes it.
     mask_map : (rows, cols) black over white of the mask by blocks of 16 quads, NaN in the dark.
     rate : (C,) light of a white projector, units of the photos a second, where it is brightest.
-    rate_sigma : relative, of the edges and the photos' noise; the lamp's drift is not in it.
+    rate_sigma : relative, from the panels' edges and the photos' noise; without the lamp's drift.
     lamp, lamp_sigma : WW-again over WW, less 1, and its standard deviation.
-    ends : what levels beside black and white give; empty where they were not shown.
+    ends : light of levels next to black and white; empty where they were not shown.
     """
 
     projector: _Share
@@ -92,7 +92,7 @@ class LightMeasurement:
         return self.room.value * albedo, self.room.sigma * albedo
 
     def figures(self, albedo: float = 1.0) -> tuple[MeasuredFigure, ...]:
-        """What to tell of it."""
+        """The figures of this measurement."""
         found = [
             _contrast("projector", self.projector, self.room is None),
             _contrast("mask", self.mask, False),
@@ -199,8 +199,7 @@ def _projector(series: LightSeries, eps: float) -> _Share:
 
 
 def _room(whole: LightSeries, eps: float) -> _Share | None:
-    """A of (C - BB) / M = A L; a black mask takes nearly nothing of it away. None where nothing
-    was covered."""
+    """A of (C - BB) / M = A L; a black mask hardly dims it. None where nothing was covered."""
     series = replace(whole, lit=whole.middle(_ROOM_MIDDLE))
     covered, white = series.covered, series.whole
     if covered is None:
@@ -213,8 +212,8 @@ def _room(whole: LightSeries, eps: float) -> _Share | None:
 
 
 def _share(series: LightSeries, ratio: Floats, error: Floats, white: LitMeans) -> _Share:
-    """Of all colours together; `error` in units of the photos, common to all quads; what scales
-    every share alike comes on top."""
+    """The share of all colours together. error : in units of the photos, common to all quads;
+    errors that scale every share alike are added."""
     value = float(ratio[-1])
     scale = np.hypot(series.edge_error, abs(series.lamp) / 2.0)
     sigma = float(np.hypot(error[-1] / white.mean[-1], value * scale))

@@ -1,14 +1,14 @@
-"""Whether levels beside black and white are told from them: a range that no server tells of.
+"""Do levels next to black and white differ from them? A limited range is reported by no server.
 
 A panel that takes levels 16 to 235 for black and white, a contrast mode, or a ramp in a compositor
-makes levels at the ends alike. Each panel shows one level near each end, all over, while the other
-one is open, or white; nobody needs to know where anything lies. With p and m the shares of white
-that a level gives, and the names of `light.contrasts`::
+makes levels near the ends equal to them. Each panel shows one level near each end, all over, while
+the other one is open, or white; nobody needs to know where anything lies. With p and m the shares
+of white that a level gives, and the names of `light.contrasts`::
 
     light-projector - BW M / M_BW = p (1 - delta) L D
     light-mask / WW               = eps + (1 - eps) m
 
-and alike for the dark ones, which last twice as long.
+and likewise for the dark ones, which last twice as long.
 """
 
 from __future__ import annotations
@@ -26,16 +26,18 @@ from pdcd.calibration.photo import BlockMeans, QuadPhoto, average_photo_blocks
 
 _PANELS = ("projector", "mask")
 _BLACK, _WHITE = 1e-4, 0.98
-"""Light of the two levels that is told from none and from all: that of gamma 3.3 and of 0.3."""
+"""Share of white above which the dark level differs from black, and below which the light one
+differs from white: the shares of gamma 3.3 and of 0.3."""
 _SURE_SIGMAS = 2.0
 
 
 @dataclass(frozen=True)
 class EndLevels:
-    """What two levels of a panel give, over its white less its black, and standard deviations.
+    """Light of two levels of a panel, as shares of its white less its black, and standard
+    deviations.
 
-    dark, light : of `DARK_LEVEL` in the colour that has least of it, and of `LIGHT_LEVEL` in the
-        one that has most.
+    dark, light : of `DARK_LEVEL` in the colour where it is least, and of `LIGHT_LEVEL` in the
+        colour where it is most.
     """
 
     panel: str
@@ -45,7 +47,7 @@ class EndLevels:
     light_sigma: float
 
     def figures(self) -> tuple[MeasuredFigure, MeasuredFigure]:
-        """What to tell of it: photos of black and white do without these levels, so neither is
+        """The figures. Photos of black and white do without these levels, so neither is ever
         bad."""
         seen = self.dark > _BLACK + _SURE_SIGMAS * self.dark_sigma
         apart = self.light < _WHITE
@@ -83,9 +85,10 @@ def explain_level_figure(name: str) -> str:
 def measure_end_levels(
     series: LightSeries, photos: Mapping[str, QuadPhoto | BlockMeans], eps: float
 ) -> tuple[EndLevels, ...]:
-    """Light of levels beside black and white of both panels, for `measure_light`.
+    """Light of levels next to black and white of both panels, for `measure_light`.
 
-    photos : those of `LightPlan.levels` beside the series'; none are found where they are missing.
+    photos : those of `LightPlan.levels` as well as the series'; where they are missing, the result
+        is empty.
     eps : black over white of the mask.
     """
     times = {"dark": DARK_TIMES, "light": 1}

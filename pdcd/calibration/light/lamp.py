@@ -1,4 +1,4 @@
-"""Whether the projector's light stays what it is over time."""
+"""Whether the projector's light is constant over time."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from pdcd.errors import CalibrationError
 _LEAST_PHOTOS = 5
 _FLICKER_LIMITS = (0.005, 0.03)
 _DRIFT_LIMITS = (0.03, 0.15)
-"""Of an hour."""
+"""Relative, per hour."""
 
 
 @dataclass(frozen=True)
 class Lamp:
     """drift_per_h : relative change in an hour, and its standard deviation. flicker : relative
-    standard deviation from photo to photo, beyond noise and drift, and its own one. seconds : of
-    the series."""
+        standard deviation from photo to photo, beyond noise and drift, and its standard deviation.
+        seconds : length of the series."""
 
     drift_per_h: float
     drift_sigma: float
@@ -30,7 +30,7 @@ class Lamp:
     seconds: float
 
     def figures(self) -> tuple[MeasuredFigure, ...]:
-        """What to tell of it."""
+        """The figures of the lamp."""
         drift, flicker = _DRIFT_LIMITS[0], _FLICKER_LIMITS[0]
         sure = abs(self.drift_per_h) - 2.0 * self.drift_sigma > drift
         return (
@@ -62,7 +62,7 @@ def measure_lamp(times_s: Floats, levels: Floats, noise: float = 0.0) -> Lamp:
     levels : (n,) mean light of the same part of each.
     noise : relative standard deviation of a level by photon noise.
 
-    Raises CalibrationError: too few photos, a dark one, a lamp that is no constant light.
+    Raises CalibrationError: too few photos, a dark one, a lamp whose light is not constant.
     """
     times_s, levels = np.asarray(times_s, np.float64), np.asarray(levels, np.float64)
     if levels.size < _LEAST_PHOTOS or np.ptp(times_s) <= 0.0:

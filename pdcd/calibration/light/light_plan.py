@@ -12,9 +12,9 @@ from pdcd.panels.frames import BLACK, WHITE
 COVERED = ("C", "C-again")
 """Photos for which somebody covers the projector's lens."""
 DARK_LEVEL, LIGHT_LEVEL = 16, 239
-"""Levels beside black and white that a panel of limited range, 16 to 235, cannot tell from them."""
+"""Levels next to black and white, which a panel of limited range, 16 to 235, shows like these."""
 DARK_TIMES = 2
-"""How many times as long as WW photos of the dark level last."""
+"""Photos of the dark level last so many times as long as WW."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class LightPlan:
     def photos(self) -> tuple[PanelSequence, ...]:
         """The series, in the order in which to take it; the last two with the projector covered.
 
-        All but BB are taken twice: light that changed, and a shutter that did not open, show there.
+        All but BB are taken twice: this shows changes of light, and a shutter that did not open.
         """
         white, black, long = WHITE, BLACK, self.longer
         return (
@@ -56,7 +56,7 @@ class LightPlan:
         return PanelSequence(name, none, none, light, np.full(light.size, mask, np.int32))
 
     def levels(self, sizes: tuple[tuple[int, int], tuple[int, int]]) -> tuple[PanelSequence, ...]:
-        """Each panel all of a level beside black, and beside white, with the other one white:
+        """Each panel uniform at a level next to black, and next to white, with the other one white:
         "dark-projector", "dark-mask", "light-projector", "light-mask".
 
         sizes : (width, height) of projector and mask.
@@ -90,7 +90,7 @@ class LightPlan:
 
 @dataclass(frozen=True)
 class PulseEdges:
-    """What the panels' edges add to any time, fall - rise, in s, and its standard deviation.
+    """What the panels' edges add to any time: fall - rise, in s, and its standard deviation.
 
     The series of `pdcd.calibration.sensor.body` measures the projector's; a few ms are usual.
     """

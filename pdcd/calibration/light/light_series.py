@@ -1,4 +1,4 @@
-"""The photos of `light.contrasts` by blocks, their sums, and what is wrong with them."""
+"""The photos of `light.contrasts` by blocks, their sums, and checks for what is wrong with them."""
 
 from __future__ import annotations
 
@@ -31,17 +31,20 @@ _LIT = 0.1
 """Blocks with less of the brightest ones' light are no part of the picture."""
 _LEAST_LIT = 0.1
 _FIELD_LIT = 0.9
-"""Shares of the photo, and of the field, that are lit."""
+"""Shares of the photo, and of the field, that must be lit."""
 _BRIGHT = 0.95
-"""Of the brightest ones' light: blocks above it say where a card is brightest, and how bright."""
+"""Share of the brightest blocks' light above which a block is used to find where a card is
+brightest, and how bright."""
 _LEAST_BLOCKS = 12
-"""A smooth surface of six numbers is laid through at least so many."""
+"""Blocks, at least, through which a smooth surface of six numbers is fitted."""
 _LEAST_INNER = 0.25
-"""Share of the lit blocks that lie within them, so that these can stand for all."""
+"""Share of the lit blocks that must be surrounded by lit ones, so that these can stand for all."""
 _LEAST_SEEN = 1.0 / 500.0
-"""A mask of 500:1 must stand three standard deviations out of the error of black levels."""
+"""The light through a closed mask of 500:1 must exceed three standard deviations of black
+levels."""
 _MOVES = 0.03
-"""By which light may change within the series, of the projector's white and of the room."""
+"""Relative change of light within the series that is accepted, of the projector's white and the
+room."""
 _MOVED_SIGMAS = 6.0
 _LEAST_CONTRAST = 3.0
 
@@ -71,7 +74,7 @@ class LitMeans:
 
 @dataclass(frozen=True, eq=False)
 class LightSeries:
-    """All photos by blocks. `lit` (rows, cols) are the blocks that are looked at."""
+    """All photos by blocks. `lit` (rows, cols) marks the blocks that are used."""
 
     plan: LightPlan
     edges: PulseEdges
@@ -86,7 +89,7 @@ class LightSeries:
 
     @property
     def white_variance(self) -> Floats:
-        """Of the same, by noise."""
+        """Its variance by noise."""
         return 0.5 * (self.blocks["WW"].variance + self.blocks["BW"].variance)
 
     @property
@@ -151,8 +154,8 @@ class LightSeries:
         return float(self.blocks[name].mean[self.lit].mean())
 
     def middle(self, part: float) -> _Marks:
-        """Lit blocks in the middle of the lit ones: of their width and height `part`, at least one
-        block."""
+        """Lit blocks in the middle of the lit area, within `part` of its width and height; at least
+        one block, or else all lit ones."""
         rows, cols = np.nonzero(self.lit)
         height, width = np.ptp(rows) + 1, np.ptp(cols) + 1
         y, x = np.mgrid[: self.lit.shape[0], : self.lit.shape[1]]
@@ -162,11 +165,11 @@ class LightSeries:
         return found if found.any() else self.lit
 
     def brightest(self) -> tuple[Floats, float]:
-        """WW - BW where a smooth surface through the brighter blocks is highest, (C,), and the
+        """WW - BW at the maximum of a smooth surface through the brighter blocks, (C,), and the
         relative noise of its mean.
 
-        Light falls off from there to all sides, by projector and lens, so that it does not matter
-        which part of the picture mask and frame leave to see.
+        Projector and lens make light fall off to all sides from there, so it does not matter which
+        part of the picture mask and frame leave visible.
         """
         total = self.white[self.lit].sum(axis=1)
         few = float(np.sort(total)[-_LEAST_BLOCKS:][0])
@@ -233,7 +236,8 @@ class LightSeries:
             )
 
     def refuse_leaks(self) -> None:
-        """Raise CalibrationError where a panel hardly blocks, or more than all light is there."""
+        """Raise CalibrationError where a panel hardly blocks, or covering the projector adds
+        light."""
         white, times = float(self.whole.mean[-1]), self.lit_s / self.lit_long_s
         if times * float(self.through.mean[-1]) > white / _LEAST_CONTRAST:
             raise CalibrationError(
@@ -251,7 +255,7 @@ class LightSeries:
             )
 
     def refuse_room(self, share: float) -> None:
-        """Raise CalibrationError where much light comes without the projector's white."""
+        """Raise CalibrationError where there is much light beside the projector's white."""
         if share > ROOM_MOST:
             raise CalibrationError(
                 f"without the projector's white there is {100.0 * share:.0f} % of its light: the "
@@ -294,7 +298,7 @@ def make_light_series(
 
 
 def _surface(places: Floats, side: float = 0.0) -> Floats:
-    """Terms of a surface of second order, (n, 6), as means of blocks of that side round places
+    """Terms of a surface of second order, (n, 6), as means over blocks of side `side` around places
     (n, 2)."""
     y, x = places.T
     mean = side**2 / 12.0
@@ -314,8 +318,8 @@ def _top_of(places: Floats, numbers: Floats) -> Floats:
 
 
 def _wholly(lit: _Marks) -> _Marks:
-    """Blocks with light all about them: at the edge of the projector's picture the room's light
-    fills a block, and the projector's only a part of it."""
+    """Lit blocks that are surrounded by lit ones. At the edge of the projector's picture the room's
+    light fills a block, but the projector's only a part of it."""
     inner = shrink_marks(lit)
     return inner if inner.sum() >= _LEAST_INNER * lit.sum() else lit
 
@@ -364,7 +368,8 @@ def _refuse_unlit(lit: _Marks, field: _Marks | None) -> None:
 
 
 def _refuse_dim(series: LightSeries) -> None:
-    """Raise CalibrationError where the black level's error hides what a mask lets through."""
+    """Raise CalibrationError where the black level's error hides the light through a closed
+    mask."""
     white = float(series.whole.mean[-1])
     error = 3.0 * np.sqrt(1.5) * series.black_sigma * series.lit_s / series.lit_long_s / white
     if error > _LEAST_SEEN:

@@ -49,18 +49,19 @@ from pdcd.sensor.profile import NOMINAL_RESPONSIVITY_E
 _Marks = NDArray[np.bool_]
 
 _LIT = 60
-"""White refreshes of a photo of an open mask: a second."""
+"""White refreshes of a photo with the mask open: a second."""
 _LONG = 600
-"""Refreshes that the photos of closed panels take, or twice those of open ones."""
+"""Refreshes of the photos of closed panels, or twice those of open ones."""
 LAMP_PHOTOS = 3
-"""More photos of white, for the lamp."""
+"""Additional photos of white, for the lamp's drift."""
 _UNKNOWN_CARD = 0.9, 0.05
-"""Albedo of a white card of which nobody says anything, and its standard deviation: from paper to
-pressed PTFE."""
+"""Albedo of a white card where the configuration gives none, and its standard deviation: from paper
+to pressed PTFE."""
 _SAID_SIGMA = 0.01
-"""The same where somebody said it."""
+"""The standard deviation where the configuration gives an albedo."""
 _BLACK_SIGMA_DN = 0.3
-"""Of a black level that was never measured; and below 0.1 nobody should believe."""
+"""Standard deviation of a black level that was never measured, and the smallest that is
+believed."""
 _LEAST_BLACK_DN = 0.1
 _UNKNOWN_EDGE_S = 0.004
 _GUESSED_GAIN = 0.2
@@ -81,16 +82,16 @@ _ADVICE = {
     "profiles and picture modes off, see what pdcd doctor display says, and calibrate light again",
 }
 _COLOUR_AS_MEASURED, _COLOUR_AS_GUESSED = 1.05, 3.0
-"""Factor by which red and blue over green may be off what an earlier calibration has measured, and
-off what white light usually is."""
+"""Largest factor by which red and blue over green may differ from an earlier measurement, and from
+those of usual white light."""
 
 
 @dataclass
 class _Taking:
     """The photos of this step, as they come.
 
-    blocks : those of the series, by blocks. white : mean light of all photos of plain white, with
-    their relative noise and the times of their beginning.
+    blocks : those of the series, by blocks. white : for all photos of plain white, the time at
+        which each began, its mean light and the relative noise of that.
     """
 
     session: CalibrationSession
@@ -116,7 +117,8 @@ class _Taking:
 
 
 def calibrate_light(session: CalibrationSession) -> StepScript:
-    """Both panels white and black in all four ways, and white at every stop that may be used."""
+    """Both panels white and black in all four combinations, and white at every stop that may be
+    used."""
     f_number, full = choose_wide_aperture(session, _LIT)
     longer = int(np.clip(_LONG // full, 2, 8))
     plan = LightPlan(refreshes=full, longer=longer, refresh_s=session.refresh_s)
@@ -157,7 +159,7 @@ def calibrate_light(session: CalibrationSession) -> StepScript:
 
 
 def find_card_albedo(config: Config) -> tuple[float, float]:
-    """The card's albedo, and its standard deviation: as somebody said, else of a usual card. For
+    """The card's albedo, and its standard deviation: as configured, else those of a usual card. For
     this step, and the acceptance of a bench."""
     said = config.calibration.card_albedo
     return _UNKNOWN_CARD if said is None else (said, _SAID_SIGMA)
@@ -183,7 +185,7 @@ def _outcome(
     figures: tuple[MeasuredFigure, ...],
     f_number: float | None,
 ) -> StepOutcome:
-    """All figures and words."""
+    """All figures and configuration values."""
     words, arrays = {}, {}
     albedo, albedo_sigma = find_card_albedo(session.config)
     for name, share in (("projector", found.projector), ("mask", found.mask)):
@@ -236,7 +238,8 @@ def _outcome(
 
 
 def _edges(session: CalibrationSession) -> PulseEdges:
-    """What the panels' edges add: the projector's as measured with the sensor, else as believed."""
+    """What the panels' edges add: the projector's as measured with the sensor, else as
+    configured."""
     projector, mask = session.config.projector, session.config.mask
     of_mask = mask.fall_s - mask.rise_s
     known = session.arrays.get(EDGE_KEY)
@@ -261,7 +264,7 @@ def _gain(session: CalibrationSession) -> tuple[float, float]:
 
 
 def _field(session: CalibrationSession, frame: tuple[int, int]) -> _Marks | None:
-    """Quads that see the field, (h, w); None where nobody has measured it."""
+    """Quads that see the field, (h, w); None where that was not measured."""
     panel = session.config.projector.place.map
     if not isinstance(panel, Map) or session.config.camera.place.map is None:
         return None
@@ -287,10 +290,10 @@ def _field_lit(session: CalibrationSession, white: QuadPhoto) -> tuple[MeasuredF
 
 
 def _colour(session: CalibrationSession, found: LightMeasurement) -> tuple[MeasuredFigure, ...]:
-    """By which factor red or blue over green is off what it was, or off what it usually is; nothing
-    of a camera without colours.
+    """By which factor red or blue over green differs from what it was, or from what it usually is;
+    nothing for a camera without colours.
 
-    A night light dims blue and green of all that is shown; nothing else tells of it.
+    A night light dims blue and green in all that is shown; nothing else reveals it.
     """
     measured = "camera.responsivity_e" in session.config.calibration.typed
     known = session.config.camera.responsivity_e if measured else NOMINAL_RESPONSIVITY_E

@@ -20,28 +20,28 @@ from pdcd.panels.frames import BLACK, WHITE
 FULL_SHARE = 0.65
 """Share of saturation that white light reaches after `Session.full` refreshes."""
 WISHED = 240
-"""Refreshes that are wished for until then: long photos hold many pulses, and short ones less of
-what leaks through black."""
+"""Refreshes until then that are aimed at: long photos hold many pulses, and in short ones less
+light leaks through black."""
 LEAST, MOST_WHITE_REFRESHES = 67, 1200
 """The range in which all steps work."""
 _TRIAL = 12
 """Refreshes of a trial photo."""
 OPEN_REFRESHES = 13
-"""Refreshes for which the mask is open before and after it."""
+"""Refreshes for which the mask is open before and after the light."""
 _TRIALS = 10
 _FIRST_F_NUMBER = 8.0
 _DARK = 0.004
-"""Share of saturation below which a trial tells too little."""
+"""Share of saturation below which a trial photo is too dark to meter by."""
 _BRIGHT = 0.9
 _BRIGHTEST = 99.8
-"""Percentile of the samples that is kept out of saturation: specks of dust and hot pixels are not.
-"""
+"""Percentile of the samples that must stay below saturation: specks of dust and hot pixels may
+not."""
 
 
 def meter_light(session: CalibrationSession) -> StepScript:
     """Find the aperture, and set `session.f_number` and `session.full`.
 
-    Raises CalibrationError: no light, or too much or too little of it for any aperture.
+    Raises CalibrationError: no light, or too much or too little of it at every aperture.
     """
     stops = sorted(session.camera.f_numbers)
     fixed = session.config.camera.f_number
@@ -93,8 +93,8 @@ def meter_light(session: CalibrationSession) -> StepScript:
 
 
 def choose_wide_aperture(session: CalibrationSession, least: int) -> tuple[float | None, int]:
-    """The widest aperture at which `FULL_SHARE` takes so many refreshes at least, or the session's
-    own; and how many it takes there. Short photos are enough for what needs light alone."""
+    """The widest aperture at which `FULL_SHARE` takes at least `least` refreshes, or the session's
+    own; and how many it takes there. Steps that need only light can use such short photos."""
     set_to, fixed = session.f_number, session.config.camera.f_number
     if set_to is None or fixed != "auto":
         return set_to, session.full
@@ -106,15 +106,16 @@ def choose_wide_aperture(session: CalibrationSession, least: int) -> tuple[float
 
 
 def _lit(name: str, refreshes: int) -> PanelSequence:
-    """White light of so many refreshes, through a mask that is open for longer: nobody knows yet by
-    how many refreshes one panel is late."""
+    """White light of so many refreshes, through a mask that is open for longer: it is not known yet
+    by how many refreshes one panel is late."""
     white = make_still_sequence(name, refreshes + 2 * OPEN_REFRESHES, WHITE, WHITE)
     white.projector_index[:OPEN_REFRESHES] = white.projector_index[-OPEN_REFRESHES:] = BLACK
     return white
 
 
 def _settled(stops: list[float], f_number: float | None, rate: float) -> tuple[float | None, int]:
-    """The aperture at which `WISHED` refreshes or a few more are full, and how many are."""
+    """The aperture at which `WISHED` refreshes, or a few more, reach `FULL_SHARE`; and how many
+    do."""
     if f_number is None or not stops:
         return f_number, int(FULL_SHARE / rate)
     wished = f_number * np.sqrt(WISHED * rate / FULL_SHARE)
@@ -124,8 +125,8 @@ def _settled(stops: list[float], f_number: float | None, rate: float) -> tuple[f
 
 
 def _other(stops: list[float], f_number: float | None, light: float) -> float | None:
-    """The stop that lets about 1 / light of the light through, the same one at the end of the
-    lens."""
+    """The stop that lets through about 1 / light of the light; the last one at the end of the
+    lens's range."""
     if f_number is None or not stops:
         return f_number
     wanted = f_number * np.sqrt(light)

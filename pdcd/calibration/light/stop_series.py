@@ -1,9 +1,9 @@
-"""How much light the stops of a lens let through, beside the one that the light was measured at.
+"""How much light the stops of a lens let through, relative to the one at which light was measured.
 
-White in the rhythm of codes: both panels are white and black together, and all light goes with the
-number of pulses, whatever edges the panels have and whatever the room adds. A wide stop takes few
-pulses and a narrow one many, so that all photos are about as bright. Stops for which one pulse is
-too bright are compared with the widest of the others by pulses of a short flash of the projector.
+White is shown as codes are: both panels are white and black together, so light is proportional to
+the number of pulses, whatever the panels' edges and the room add. A wide stop gets few pulses and a
+narrow one many, so that all photos are about equally bright. Stops at which one pulse is too bright
+are compared with the widest of the others, by short flashes of the projector.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ from pdcd.calibration.shown import PanelSequence
 from pdcd.panels.frames import BLACK, WHITE
 
 _PULSE, _PAUSE = 4, 6
-"""Refreshes of a pulse, and after it: a mask that is late by less than either meets its own."""
+"""Refreshes of a pulse, and after it: a mask that is late by fewer than these still meets its own
+pulse."""
 _FLASH = 2
-"""The refresh of a pulse for which the projector alone is white in a short one: the mask is open
-before and after it, so that it may be early or late."""
+"""The refresh of a pulse in which the projector is white in a short one. The mask is open before
+and after it, so it may be early or late."""
 _LEVEL = 0.4
 """Share of saturation that a photo is to reach."""
 _DIMMEST, _BRIGHTEST = 0.06, 0.6
@@ -39,14 +40,14 @@ _DIMMEST, _BRIGHTEST = 0.06, 0.6
 _MOST_PULSES = 12
 """Of two seconds."""
 _LEAST_GOOD = 0.999
-"""Share of a photo without saturation from which it counts: hot pixels stay below."""
+"""Least share of a photo that must not be saturated: hot pixels stay below the rest."""
 _AGAIN = "again"
-"""The photo of the first stop once more, in the end: what the lamp did meanwhile."""
+"""Name of the last photo, of the first stop again: it shows what the lamp did meanwhile."""
 
 
 @dataclass(frozen=True)
 class _StopPhoto:
-    """One photo: of a stop, with so many pulses. short : of a flash of the projector each."""
+    """One photo of a stop, with so many pulses. short : each pulse is a flash of the projector."""
 
     f_number: float
     pulses: int
@@ -57,8 +58,8 @@ class _StopPhoto:
 def plan_stop_photos(
     f_numbers: tuple[float, ...], own: float, per_pulse: float, *, short: bool = False
 ) -> tuple[_StopPhoto, ...]:
-    """The photos that compare the stops of a lens with its `own` one, at which a pulse brings the
-    share `per_pulse` of saturation. The first and the last are of that one."""
+    """The photos that compare the stops of a lens with its `own` one, at which a pulse gives the
+    share `per_pulse` of saturation. The first and the last are of that stop."""
     kind = "flash" if short else "stop"
     photos = []
     for f_number in sorted(f_numbers):
@@ -74,7 +75,7 @@ def plan_stop_photos(
 
 
 def _shown_of(photo: _StopPhoto) -> PanelSequence:
-    """What the panels show in it."""
+    """What the panels show in a photo."""
     mask = np.full(photo.pulses * (_PULSE + _PAUSE), BLACK, np.int32)
     projector = mask.copy()
     for pulse in range(photo.pulses):
@@ -88,12 +89,12 @@ def _shown_of(photo: _StopPhoto) -> PanelSequence:
 
 @dataclass(frozen=True)
 class ComparedStops:
-    """Stops that were compared, the one they were compared with first, whose sigma is 0."""
+    """Stops that were compared. The first, with sigma 0, is the one they were compared with."""
 
     found: tuple[Stop, ...] = ()
 
     def figures(self) -> tuple[MeasuredFigure, ...]:
-        """What to tell of them."""
+        """The figures of these stops."""
         if not self.found:
             return ()
         away = [abs(2.0 * (s.true / stop_of(s.f_number).true - 1.0)) for s in self.found]
@@ -106,8 +107,8 @@ class ComparedStops:
 def measure_stops(
     session: CalibrationSession, own: float, full: int, black_sigma: float
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, ComparedStops]:
-    """Take the photos and compare; nothing where the lens is not set from here, or is to stay as it
-    is. own : stop at which white light of so many refreshes is `full` (`FULL_SHARE` of saturation).
+    """Take the photos and compare the stops; nothing where the lens is not set from here, or is to
+    stay as it is. own : stop at which `full` refreshes of white reach `FULL_SHARE` of saturation.
     black_sigma : standard deviation of a photo's black level, in DN."""
     f_numbers = session.camera.f_numbers
     if session.config.camera.f_number != "auto":
@@ -134,8 +135,8 @@ def _stops_of(
     taken: Mapping[str, tuple[float, float, float]],
     beside: Stop,
 ) -> tuple[Stop, ...]:
-    """Stops out of the light of a pulse in each photo: light, its relative standard deviation, and
-    the share of the photo that is not saturated. beside : the stop that they are compared with."""
+    """Stops from each photo's light of a pulse, its relative standard deviation, and the share of
+    the photo that is not saturated. beside : the stop that they are compared with."""
     if not photos:
         return ()
     first, *others, last = photos

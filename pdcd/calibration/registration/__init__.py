@@ -1,1 +1,1 @@
-"""Where light and mask meet: equal stripes on both panels."""
+"""How well the projector's light meets the mask: equal stripes on both panels."""

@@ -1,4 +1,4 @@
-"""Photos of stripes, over white and averaged over whole periods."""
+"""Photos of stripes, divided by white and averaged over whole periods."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ _BOXES = 3
 _BOX_NOISE = 0.55
 """Sum of the squared weights of three boxes along an axis, times their length: 11 / 20."""
 _WHOLE = 0.995
-"""Share of lit quads that a place needs around it, by weight: stripes that are cut off pull it to
-one side, at 0.98 by 0.04 px of 16."""
+"""Share of lit quads that a place needs around it, by weight: stripes that are cut off shift the
+offset, at 0.98 by 0.04 px of 16."""
 
 
 class StripeAverager:
@@ -32,12 +32,12 @@ class StripeAverager:
     def over_white(self, light: Floats, power: int = 1) -> Floats:
         """Light (h, w) over white, or its variance over white squared (``power`` 2), summed over
         the lit quads of each block."""
-        # Quads that are not lit may hold anything, also what is no number.
+        # Quads that are not lit may hold anything, even NaN.
         seen = np.where(self._lit, light, 0.0)
         return self._summed(seen * self._per_white**power)
 
     def smooth(self, summed: Floats) -> Floats:
-        """Sums of blocks -> averages over stripes around each block, of one lit quad."""
+        """Sums of blocks -> means over stripes around each block, per lit quad."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(self._boxed(summed) / self._around)
 
@@ -57,7 +57,8 @@ class StripeAverager:
         return np.asarray((middle + 0.5) * self.block)
 
     def at(self, of_blocks: Floats, places: Floats) -> Floats:
-        """Values of blocks at places (n, 2) in quads, of the block they lie in, (n,)."""
+        """Values of blocks (n,) at places (n, 2) in quads: those of the blocks that the places lie
+        in."""
         cols, rows = np.floor(places / self.block).astype(np.intp).T
         return np.asarray(of_blocks[rows, cols])
 
@@ -68,14 +69,15 @@ class StripeAverager:
         return np.asarray(whole.reshape(rows, self.block, cols, self.block).sum(axis=(1, 3)))
 
     def _boxed(self, of_blocks: Floats) -> Floats:
-        """Three boxes of one period along either axis; nothing lies beyond the photo."""
+        """Three boxes of one period along either axis; beyond the photo all is 0."""
         found = of_blocks
         for length in self._lengths():
             found = ndimage.uniform_filter(found, length, mode="constant")
         return np.asarray(found)
 
     def _lengths(self) -> list[int]:
-        """Whole numbers of blocks that are one period on average; odd ones keep boxes centred."""
+        """Whole numbers of blocks, one period on average; they are odd, so that boxes stay
+        centred."""
         period = self.period_quads / self.block
         below = int(np.floor((period - 1.0) / 2.0)) * 2 + 1
         above = round((_BOXES * period - _BOXES * below) / 2.0)

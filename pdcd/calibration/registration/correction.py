@@ -1,9 +1,9 @@
-"""A smooth correction of a map, out of offsets that were measured here and there.
+"""A smooth correction of a map, from offsets measured at scattered places.
 
 The correction is the spline of a map's own residual (`pdcd.panels.distortion`): its nodes are
 fitted to the offsets, by reweighted least squares (Cauchy), with a penalty on second differences
-that carries it where nothing was measured. So it goes into the map's residual without loss, and can
-be repeated.
+that extends it to where nothing was measured. So it can be added to the map's residual without
+loss, and repeated.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pdcd.panels.map_soundness import check_map
 _NODES = (8, 10)
 """Rows and columns of a correction, at least."""
 _STIFF = 0.07
-"""How far second differences of nodes may go, in pixels."""
+"""Standard deviation of second differences of nodes, in pixels."""
 _ROUNDS = 4
 """Reweighted solves."""
 _CAUCHY = 2.5
@@ -35,9 +35,10 @@ _CAUCHY = 2.5
 _TO_SIGMA = 1.4826
 """From the median of absolute deviations to a standard deviation."""
 _PATCHES, _GROUPS = (12, 16), 10
-"""Rows and columns of patches of a device; groups of them, each left out once for the errors."""
+"""Rows and columns of patches of a device, and groups of patches; each group is left out once to
+estimate the errors."""
 _FEWEST = 12
-"""Offsets that a correction takes."""
+"""Offsets that a correction needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,7 @@ class MapCorrection:
 
     nodes : (rows, cols, 2) in projector pixels (right, down), evenly over the device, edges
         included. covariance : (2, nodes, nodes), of each axis.
-    left_px : (n, 2), what it leaves of the offsets it was made of.
+    left_px : (n, 2), residuals of the offsets it was fitted to.
     """
 
     size_px: tuple[int, int]
@@ -68,9 +69,9 @@ class MapCorrection:
 
 
 def fit_map_correction(offsets: MaskOffsets, mask: Map) -> MapCorrection:
-    """The smooth offset of the mask's map.
+    """Fit the smooth offset of the mask's map.
 
-    Errors of the offsets are taken from `sigma_px`, enlarged to what they really scatter. Raises
+    Errors of the offsets are taken from `sigma_px`, enlarged to their real scatter. Raises
     CalibrationError for fewer than 12 offsets.
     """
     points = offsets.points_px
@@ -111,7 +112,7 @@ def correct_mask_map(mask: Map, projector: Map, correction: MapCorrection) -> Ma
 def adjust_map_residual(
     map_: Map, meant: Callable[[Floats], Floats], shape: tuple[int, ...], device: str
 ) -> Map:
-    """The map with another residual, so that its nodes lie where they are meant to.
+    """The map with another residual, by which its nodes lie where they are meant to.
 
     meant : from points (n, 2) of the device to the field, (n, 2). shape : (rows, cols) of nodes.
     """
@@ -131,9 +132,9 @@ def _solved(
 ) -> tuple[Floats, Floats]:
     """Nodes (p,) of one axis and their covariance (p, p).
 
-    Neighbours are wrong together, so that formulas for independent errors promise too much. The
-    covariance is that of a jackknife over groups of patches instead, plus what the stiffness leaves
-    open where nothing was measured.
+    Neighbours have correlated errors, so that formulas for independent errors are too optimistic.
+    The covariance is that of a jackknife over groups of patches, plus that of the fit with its
+    stiffness, which counts where nothing was measured.
     """
     scatter, weight = np.maximum(sigma, 1e-6), np.ones(wanted.size)
     for _ in range(_ROUNDS):
@@ -144,7 +145,7 @@ def _solved(
         nodes = inverse @ (rows.T @ meant)
         left = wanted - basis @ nodes
         spread = _TO_SIGMA * float(np.median(np.abs(left)))
-        # A few nodes are fitted to many offsets: what is left scatters as the offsets do.
+        # Few nodes are fitted to many offsets, so the residuals scatter as the offsets do.
         scatter = np.hypot(sigma, np.sqrt(max(0.0, spread**2 - float(np.median(sigma**2)))))
         scatter = np.maximum(scatter, 1e-6)
         weight = 1.0 / (1.0 + (left / (_CAUCHY * scatter)) ** 2)
@@ -158,14 +159,16 @@ def _solved(
 
 
 def _groups(points: Floats, size_px: tuple[int, int]) -> NDArray[np.int64]:
-    """Which of the groups each point is left out with: small patches of the device go together."""
+    """The group with which each point is left out: a small patch of the device is left out as a
+    whole."""
     rows, cols = _PATCHES
     col, row = np.floor(points / np.array(size_px) * (cols, rows)).astype(np.int64).T
     return np.asarray((3 * row + 4 * col) % _GROUPS)
 
 
 def _nodes_of(map_: Map) -> tuple[int, int]:
-    """Rows and columns of nodes: the map's own, or so many between them that none is moved."""
+    """Rows and columns of nodes: the map's own, with so many added in between that the minimum is
+    met and none of the old ones moves."""
     own = np.shape(map_.residual)[:2] if map_.residual else (2, 2)
     gaps = [
         (have - 1) * ceil((least - 1) / (have - 1)) for have, least in zip(own, _NODES, strict=True)

@@ -1,6 +1,6 @@
 """Focus: how deep fine stripes are in a photo, over the field.
 
-Which stripes are shown says what is focused: the mask's alone, the camera on the mask (the relay);
+The choice of stripes decides what is focused: the mask's alone, the camera on the mask (the relay);
 the projector's alone, the projector on the scene, or the scene on a diffuser at the mask.
 """
 
@@ -15,20 +15,20 @@ from pdcd.calibration.photo import QuadPhoto
 from pdcd.errors import CalibrationError
 
 _PARTS = (3, 4)
-"""Rows and columns of the photo in which the depth is told apart."""
+"""Rows and columns of parts of the photo whose depths are measured separately."""
 _LEAST_DEPTH = 0.02
 """Depth of stripes, over the mean light, below which there are none."""
 _SURE = 10.0
-"""How far above noise and texture the stripes must stand, in standard deviations."""
+"""How far stripes must exceed noise and texture, in standard deviations."""
 _NEAR = 1.8
-"""Factor by which the period may be another than it is thought to be."""
+"""Factor by which the real period may differ from the given one."""
 
 
 @dataclass(frozen=True, eq=False)
 class StripeDepth:
-    """How deep stripes are: amplitude over mean light, 0 to about 1.27 of sharp ones.
+    """How deep stripes are: amplitude over mean light, 0 to about 1.27 for sharp ones.
 
-    parts, sigma : (rows, cols) over the photo; NaN where no light is.
+    parts, sigma : (rows, cols) over the photo; NaN where there is no light.
     """
 
     parts: Floats
@@ -36,7 +36,7 @@ class StripeDepth:
 
     @property
     def number(self) -> float:
-        """The one number to be made as large as it can be: the mean over the field."""
+        """The number to maximise: the mean over the field."""
         return float(np.nanmean(self.parts))
 
     @property
@@ -47,8 +47,9 @@ class StripeDepth:
 
     @property
     def slope(self) -> tuple[float, float]:
-        """How ln M grows from the left edge to the right one, and from the top to the bottom:
-        large where the plane of focus is tilted. NaN where a part of the field is dark."""
+        """How much the logarithm of the depth grows from the left edge to the right one, and from
+        the top to the bottom: large where the plane of focus is tilted. NaN where a part of the
+        field is dark."""
         logs = np.log(np.maximum(self.parts, 1e-6))
         down, right = ((np.arange(n) + 0.5) / n - 0.5 for n in _PARTS)
         return (
@@ -58,7 +59,7 @@ class StripeDepth:
 
 
 def measure_stripe_depth(photo: QuadPhoto, period_quads: float) -> StripeDepth:
-    """Depth of stripes in one photo, whichever way they run, of a period that is nearly known.
+    """Depth of stripes in one photo, whichever way they run; their period is roughly known.
 
     Raises CalibrationError for a photo without light, saturated, or without stripes.
     """
@@ -93,8 +94,8 @@ def measure_stripe_depth(photo: QuadPhoto, period_quads: float) -> StripeDepth:
 
 
 def _windowed(light: Floats) -> tuple[Floats, Floats]:
-    """A window that falls off to the edges, of sum 1, and light of it without its mean, over that:
-    so the mean and other periods are kept away."""
+    """A window that falls off to the edges, and the light through it less its mean, both over the
+    mean light: so the mean and other periods do not leak in."""
     window = np.outer(*(np.hanning(side + 2)[1:-1] for side in light.shape))
     window /= window.sum()
     mean = float((window * light).sum())
@@ -102,7 +103,7 @@ def _windowed(light: Floats) -> tuple[Floats, Floats]:
 
 
 def _cycles(light: Floats, period_quads: float) -> tuple[float, float]:
-    """Cycles a quad, down and right, of the strongest stripes of about that period."""
+    """Cycles per quad, down and right, of the strongest stripes of about that period."""
     power = np.abs(np.fft.rfft2(_windowed(light)[1]))
     down, right = np.fft.fftfreq(light.shape[0]), np.fft.rfftfreq(light.shape[1])
     ratio = period_quads * np.hypot(down[:, None], right)
@@ -113,11 +114,11 @@ def _cycles(light: Floats, period_quads: float) -> tuple[float, float]:
 
 def _depth(light: Floats, variance: Floats, cycles: tuple[float, float]) -> tuple[float, float]:
     """Depth of stripes in a part of a photo, and its standard deviation: the highest of finely
-    spaced frequencies near the one that all of it has."""
+    spaced frequencies near `cycles`, those of the whole photo."""
     window, centred = _windowed(light)
 
     def amplitudes(times: float, spread: Floats) -> Floats:
-        """Of frequencies around a multiple of the stripes' own."""
+        """Amplitudes of frequencies around `times` the stripes' own."""
         down, right = (
             np.exp(2j * np.pi * np.outer(times * own + spread / side, np.arange(side)))
             for own, side in zip(cycles, light.shape, strict=True)
@@ -125,7 +126,7 @@ def _depth(light: Floats, variance: Floats, cycles: tuple[float, float]) -> tupl
         return 2.0 * np.abs(down @ centred @ right.T)
 
     best = float(amplitudes(1.0, np.linspace(-1.0, 1.0, 17)).max())
-    # Noise, whatever its kind, is as strong a little beside: there, no harmonic of stripes falls.
+    # Noise of any kind is as strong at nearby frequencies, where no harmonic of the stripes lies.
     floors = [amplitudes(times, np.arange(-1.0, 2.0)) for times in (0.6, 0.7, 1.4, 1.6)]
     floor = float(np.sqrt(np.mean(np.square(floors))))
     return best, max(2.0 * float(np.sqrt((window**2 * variance).sum())), floor)

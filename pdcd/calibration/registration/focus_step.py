@@ -1,5 +1,5 @@
-"""How sharp it is, photo by photo, while somebody turns the rings: first the relay, between mask
-and camera, then the projector."""
+"""How sharp the picture is, photo by photo, while somebody turns the rings: first the relay,
+between mask and camera, then the projector."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ from pdcd.panels.map import Map, map_between
 _PHOTOS = 15
 """Photos of each panel, at most."""
 _STILL = 3
-"""Photos alike after which nobody turns a ring."""
+"""Photos of equal depth after which the ring counts as left alone."""
 _ALIKE = 0.02
-"""Difference of depths that is none."""
+"""Difference of depths, over the best, below which they count as equal."""
 _LEAST_QUADS = 6.0
 """Quads of a period, at least."""
 _NEAR_BEST, _SHARP = 0.9, 0.6
-"""Depth over the best so far at which it may stay; depth of stripes that are sharp enough."""
+"""Depth over the best so far from which the focus is accepted; depth of stripes that are sharp
+enough."""
 _TILTED = 0.3
-"""Change of ln depth over the field from which something is tilted."""
+"""Change of the depth's logarithm over the field from which something is tilted."""
 _RINGS = {
     "mask": "the camera on the mask (the relay)",
     "projector": "the projector on the card",
@@ -41,7 +42,8 @@ _RINGS = {
 
 
 def watch_focus(session: CalibrationSession) -> StepScript:
-    """A photo of stripes, its number, and again: up to 15 of each panel, less where nobody turns.
+    """Photograph stripes and report their depth, again and again: up to 15 photos of each panel,
+    fewer where nobody turns a ring.
 
     Raises CalibrationError where no stripes are seen at all.
     """
@@ -74,7 +76,7 @@ def watch_focus(session: CalibrationSession) -> StepScript:
 def _rounds(
     session: CalibrationSession, panel: str
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, list[StripeDepth]]:
-    """Depths of one panel's upright stripes, until it is enough."""
+    """Depths of one panel's upright stripes, until the ring is left alone."""
     width, height = getattr(session.config, panel).size_px
     quads_a_px = _quads_a_px(session, panel)
     half = max(2, int(np.ceil(0.5 * _LEAST_QUADS / quads_a_px)))
@@ -101,7 +103,7 @@ def _rounds(
 
 
 def _quads_a_px(session: CalibrationSession, panel: str) -> float:
-    """Quads of the photo to a pixel of the panel: by the maps, or as if its picture filled the
+    """Quads of the photo per pixel of the panel: by the maps, or as if its picture filled the
     frame."""
     camera, map_ = session.config.camera.place.map, getattr(session.config, panel).place.map
     if isinstance(camera, Map) and isinstance(map_, Map):

@@ -1,10 +1,10 @@
-"""Blur of the projector's light on the mask, out of the depth of stripes of two periods.
+"""Blur of the projector's light on the mask, from the depth of stripes of two periods.
 
 Blur by a Gaussian of standard deviation s leaves exp(-2 pi^2 s^2 n^2 / P^2) of the n-th harmonic of
-stripes. What else makes stripes shallow, contrast, ambient and global light, is the same for all
-periods and drops out of their ratio; what the mask's pixels leave is known
-(`registration.stripes.compute_pixel_attenuation`). Of a triangle's harmonics, those of n = S - 1, S
-+ 1 and so on cannot be told from the first by S photos: they are part of the model, too.
+stripes. Whatever else makes stripes shallow (contrast, ambient and global light) is the same for
+all periods and drops out of their ratio; the attenuation by the mask's pixels is known
+(`registration.stripes.compute_pixel_attenuation`). With S photos, a triangle's harmonics n = S - 1,
+S + 1 and so on cannot be separated from the first: they are part of the model, too.
 
 The blur between mask and camera does not count: photos are averaged over whole stripes.
 """
@@ -27,13 +27,14 @@ from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map, map_between
 
 _CELLS = (3, 4)
-"""Rows and columns of the field in which blur is told apart."""
+"""Rows and columns of parts of the field for which blur is given."""
 _HARMONICS = 31
 """Highest harmonic of the model."""
 _VARIANCES_PX2 = np.concatenate([np.arange(-0.3, 2.0, 0.01), np.geomspace(2.0, 64.0, 120)])
-"""Squared blurs at which the model is worked out; noise may lead a sharp bench below zero."""
+"""Squared blurs for which the model is computed; noise may take that of a sharp bench below
+zero."""
 _SURE = 5.0
-"""Depth of the fine stripes, over its error, without which blur cannot be told."""
+"""Least depth of the fine stripes, over its error, for blur to be measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class MaskBlur:
     """Standard deviation of the blur, in projector pixels.
 
     blur_px, sigma_px : (2,) to the right and down, over the field.
-    by_cell_px : (rows, cols, 2) the same by parts of the field; NaN where nothing was measured.
+    by_cell_px : (rows, cols, 2) blur of each part of the field; NaN where nothing was measured.
     """
 
     blur_px: Floats
@@ -50,7 +51,7 @@ class MaskBlur:
 
     @property
     def both_px(self) -> float:
-        """The one blur that stands for both axes: the root of their mean square."""
+        """One blur for both axes: their root mean square."""
         return float(np.sqrt(np.mean(self.blur_px**2)))
 
     @property
@@ -61,7 +62,7 @@ class MaskBlur:
 
     @property
     def worst_px(self) -> float:
-        """The largest over the parts of the field."""
+        """The largest blur of any part of the field."""
         return float(np.nanmax(self.by_cell_px))
 
 
@@ -75,8 +76,8 @@ def measure_mask_blur(
     """The blur on the mask.
 
     coarse, fine : (right, down), series of a long period and of a short one.
-    camera, projector, mask : maps as believed when the stripes were shown; the fine ones may have
-        been shown by a mask's map that was corrected meanwhile.
+    camera, projector, mask : maps in use when the stripes were shown; the fine ones may have been
+        shown with a mask's map that was corrected in between.
 
     Raises CalibrationError where the fine stripes are blurred away.
     """
@@ -89,7 +90,7 @@ def measure_mask_blur(
         mean, sigma = _robust_mean(square)
         value = float(np.sqrt(max(0.0, mean)))
         values.append(value)
-        # d(s) = d(s^2) / 2 s; a blur that is not told from zero has an error of its own size.
+        # d(s) = d(s^2) / 2 s; a blur that does not differ from zero has an error of its own size.
         sigmas.append(sigma / (2.0 * max(value, np.sqrt(sigma))))
         cells.append(_by_cell(square, camera.to_field(series.quads)))
     return MaskBlur(np.array(values), np.array(sigmas), np.stack(cells, axis=-1))
@@ -112,19 +113,19 @@ def _squares(
     axis = coarse.stripes.axis
     points = map_between(camera, mask, coarse.quads)
     slope = compute_map_slope(axis, projector, mask, points)
-    # Both may have been shown by maps of their own: what counts is each series' own phase.
+    # The two series may have been shown with different maps: what counts is each one's own phase.
     own = coarse.offset_px, fine.offset_px[there]
     models = [_model(each.stripes, slope, at) for each, at in zip((coarse, fine), own, strict=True)]
     ratio = np.log(models[1] / models[0])
     seen = np.log(np.maximum(depth, 1e-9) / coarse.modulation)
-    # The more blur, the less is left of the fine stripes: the model falls.
+    # With more blur less of the fine stripes is left: the model falls.
     return np.array(
         [np.interp(-one, -row, _VARIANCES_PX2) for one, row in zip(seen, ratio, strict=True)]
     )
 
 
 def _model(stripes: StripePlan, slope: Floats, offset_px: Floats) -> Floats:
-    """Depth that stripes would have, but for one factor: (n, squared blurs)."""
+    """Depth of the stripes by the model, up to one factor: (n, squared blurs)."""
     steps, period = stripes.steps, stripes.period_px
     phase = 2.0 * np.pi * offset_px[:, None] / period
     found = np.zeros((len(slope), _VARIANCES_PX2.size), dtype=np.complex128)
@@ -132,7 +133,7 @@ def _model(stripes: StripePlan, slope: Floats, offset_px: Floats) -> Floats:
         side = (n % steps == 1) - float(n % steps == steps - 1)
         if side == 0.0:
             continue
-        # Below zero only the first harmonic grows: of others, nothing sensible would be left.
+        # Below zero only the first harmonic may grow: the others would have no sensible value.
         square = _VARIANCES_PX2 if n == 1 else np.maximum(_VARIANCES_PX2, 0.0)
         left = np.exp(-2.0 * np.pi**2 * square * n**2 / period**2) / n**2
         found += (
@@ -144,7 +145,7 @@ def _model(stripes: StripePlan, slope: Floats, offset_px: Floats) -> Floats:
 
 
 def _robust_mean(values: Floats) -> tuple[float, float]:
-    """Mean of values (n,) without those far off, and its standard deviation."""
+    """Mean of values (n,) without outliers, and its standard deviation."""
     middle = float(np.median(values))
     spread = 1.4826 * float(np.median(np.abs(values - middle)))
     near = values[np.abs(values - middle) <= 4.0 * spread + 1e-12]

@@ -1,14 +1,14 @@
-"""Where light and mask really meet: the offset of the mask's map, by stripes on both panels.
+"""The offset of the mask's map from where light and mask really meet, by stripes on both panels.
 
 Each photo is divided by one with both panels white, and averaged over whole stripes by three box
-filters of one period each. What is left of photo s, at a place of the field, is
+filters of one period each. At a place of the field, photo s then has the light
 
     I_s = a_0 + sum over odd n of a_n cos(2 pi n (e / P - s / S)),
 
-e the offset: where the mask's map believes a pixel to be, less where it is, in projector pixels.
-So e = P / (2 pi) arg sum_s I_s exp(2 pi i s / S). The camera's map says only where on the field a
-place is, and an error of pixels there does no harm. Light that is smooth over the stripes, of the
-scene or the room, comes through all the same and drops out.
+where e is the offset: the position of a mask pixel by the mask's map, less its true one, in
+projector pixels. So e = P / (2 pi) arg sum_s I_s exp(2 pi i s / S). The camera's map says only
+where on the field a place is, and an error of pixels there does no harm. Light of the scene or the
+room that is smooth over the stripes is the same in all photos and drops out.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from pdcd.panels.map import Map, map_between
 _Complex = NDArray[np.complex128]
 
 _PER_PERIOD = 8
-"""Blocks of quads in a period, at least: photos are averaged over blocks before all else."""
+"""Blocks of quads per period, at least: photos are first averaged over blocks."""
 _APART = 1.5
 """Periods from one measured place to the next: their boxes share little light."""
 
 
 @dataclass(frozen=True, eq=False)
 class StripeSeries:
-    """What one series of stripes says, at n places.
+    """The measurements of one series of stripes, at n places.
 
     quads : (n, 2) places in the camera's photo.
     share : (n, S) light of each step, over white, averaged over stripes.
@@ -71,8 +71,8 @@ class StripeSeries:
 class MaskOffsets:
     """The offset of the mask's map at n places, in projector pixels.
 
-    points_px : (n, 2) in pixels of the mask, by the maps as they were believed.
-    offset_px, sigma_px : (n, 2) right and down: where the map believes them, less where they are.
+    points_px : (n, 2) in pixels of the mask, by the maps in use.
+    offset_px, sigma_px : (n, 2) right and down: positions by the map less the true ones.
     """
 
     points_px: Floats
@@ -85,17 +85,18 @@ class MaskOffsets:
 
     @property
     def e95_px(self) -> float:
-        """What 95 % of the offsets stay below: measured after a correction, the planner's."""
+        """The 95th percentile of the offsets: measured after a correction, it is the planner's
+        number."""
         return self.quantile_px(0.95)
 
 
 class StripeSeriesBuilder:
-    """A series under way: of each photo only its averages are kept.
+    """A series under way: only averages of each photo are kept.
 
     Parameters
     ----------
     white : both panels white for as many refreshes as the projector was lit.
-    camera, projector : maps as believed.
+    camera, projector : maps in use.
     window : the part of the field to be measured.
 
     Raises CalibrationError for a white photo without light, or saturated.
@@ -131,10 +132,10 @@ class StripeSeriesBuilder:
         self._noise += noise / self._stripes.steps
 
     def series(self, *, placed: bool = False) -> StripeSeries:
-        """What all S photos say.
+        """What all S photos show.
 
-        placed : a longer period has already told where the mask's stripes are. Then the camera need
-            not tell these apart; they are averaged anyway.
+        placed : a longer period has already located the mask's stripes. Then the camera need not
+            resolve these; they are averaged anyway.
 
         Raises CalibrationError for photos without light or modulation, a mirrored mask, a bench
         that moved or whose light changed, and where less than 60 % of the field could be measured.
@@ -148,7 +149,7 @@ class StripeSeriesBuilder:
         turns = np.exp(2j * np.pi * np.arange(steps) / steps) / steps
         share = np.stack([averaging.at(averaging.smooth(each), places) for each in stack], axis=-1)
         variance = averaging.at(averaging.smooth(self._noise), places)
-        # Of S photos' noise, half falls on either part of their first harmonic.
+        # Half of the noise of S photos falls on either part of their first harmonic.
         sigma = np.sqrt(variance / (2.0 * steps)) * averaging.noise
         found = StripeSeries(stripes, places, share, share @ turns, sigma)
         series_faults.check_stripe_contrast(share, found.first, sigma)
@@ -163,14 +164,14 @@ class StripeSeriesBuilder:
 def measure_mask_offsets(
     right: StripeSeries, down: StripeSeries, camera: Map, mask: Map, *, corrected: bool = False
 ) -> MaskOffsets:
-    """The offset of the mask's map, out of upright and lying stripes of one period.
+    """The offset of the mask's map, from upright and lying stripes of one period.
 
-    camera, mask : maps as believed.
-    corrected : whether the mask's map was corrected by a longer period. Then this one says what is
-        left, and whether the longer one had taken another stripe for its own.
+    camera, mask : maps in use.
+    corrected : whether the mask's map was corrected by a longer period. Then this series shows the
+        remaining offset, and whether the longer period matched the wrong stripes.
 
-    Raises CalibrationError where stripes may have been taken for others: for offsets of 0.4 periods
-    and more, or more than 1 px beside those of the longer period.
+    Raises CalibrationError where stripes may have been matched wrongly: for offsets of 0.4 periods
+    and more, or of more than 1 px after the correction by a longer period.
     """
     series = (right, down)
     if [each.stripes.axis for each in series] != [0, 1]:
@@ -178,7 +179,7 @@ def measure_mask_offsets(
     if right.stripes.period_px != down.stripes.period_px:
         raise ValueError("the offset needs stripes of one period")
     period = right.stripes.period_px
-    # Both series look at the same white photo, but a period may have more quads along one axis.
+    # Both series use the same white photo, but a period may have more quads along one axis.
     other = find_nearest(right.quads, down.quads)
     points = map_between(camera, mask, right.quads)
     found = np.stack([right.offset_px, down.offset_px[other]], axis=-1)
@@ -189,13 +190,14 @@ def measure_mask_offsets(
 
 
 def find_nearest(wanted: Floats, places: Floats) -> NDArray[np.intp]:
-    """For each of some places (n, 2) the number of the nearest of others (m, 2), (n,)."""
+    """For each of the places `wanted` (n, 2), the number of the nearest of `places` (m, 2),
+    (n,)."""
     return np.asarray(cKDTree(places).query(wanted)[1])
 
 
 def _quads_per_px(axis: int, camera: Map, projector: Map) -> float:
-    """How many quads it is from one line of an axis of the projector's pixels to the next, in the
-    middle of the camera's photo."""
+    """Quads from one line of the projector's pixels along an axis to the next, in the middle of the
+    camera's photo."""
     middle = 0.5 * np.array(camera.size_px, dtype=np.float64)
     of_pixels = projector.jacobian(map_between(camera, projector, middle))
     px_by_quad = np.linalg.solve(of_pixels, camera.jacobian(middle))
@@ -205,9 +207,9 @@ def _quads_per_px(axis: int, camera: Map, projector: Map) -> float:
 def _carrier(
     stripes: StripePlan, camera: Map, projector: Map, averaging: StripeAverager
 ) -> _Complex:
-    """The stripes of the mask, as the maps have them, at each block of a photo: exp(2 pi i x/P).
+    """The mask's stripes by the maps, at each block of a photo: exp(2 pi i x/P).
 
-    Worked out at every eighth block: between, places run evenly enough for a phase.
+    Computed at every eighth block and interpolated, which is accurate enough for a phase.
     """
     rows, cols = averaging.count.shape
     every = 8

@@ -1,4 +1,4 @@
-"""Where light and mask really meet, and how sharp: product stripes of both panels."""
+"""How well light and mask meet, and how sharply: product stripes of both panels."""
 
 from __future__ import annotations
 
@@ -54,24 +54,26 @@ from pdcd.probing.cell_size import (
 )
 
 _GOOD_PX, _BAD_PX = 0.15, 1.0
-"""Offset that is left of 95 % of the field: good, and such that no small cell is of use."""
+"""Remaining offset, which 95 % of the field stay below, that is good; and from which small cells
+are no use."""
 _MAP_PX = 0.06
-"""95 % of the field are known at least so well, or the map is doubtful."""
+"""Twice the largest error of the map, over 95 % of the field, that is good; else it is doubtful."""
 _TRUSTED_PX = 4.0
-"""Offsets that the maps of geometry should not leave."""
+"""Largest offset that the maps of the geometry step should have."""
 _PARTS, _FEWEST_OFFSETS = (24, 18), 6
-"""Parts of the field across and down whose mean offset is looked at, and offsets in such a part."""
+"""Parts of the field, across and down, whose mean offset is computed, and offsets that a part
+needs."""
 _RAYLEIGH_95 = 2.448
-"""Length that 95 % of vectors stay below, over the standard deviation of either part."""
+"""95th percentile of the lengths of vectors, over the standard deviation of either component."""
 _UNEVEN, _UNEVEN_PX = 1.5, 0.5
-"""Blur of the worst part of the field over that of all of it, and in projector pixels, that asks
-for another focus; less blur is not told part by part."""
+"""Blur of the worst part of the field, over that of all of it and in projector pixels, from which
+focusing again is advised; smaller blur cannot be measured part by part."""
 
 
 def calibrate_registration(session: CalibrationSession) -> StepScript:
     """White, 16 photos of stripes of 16 px, and 12 of stripes of 6 px, or wider ones for a coarse
-    mask: the offset of the mask's map is measured, taken out, and measured again; then what is left
-    is taken out, too."""
+    mask. The offset of the mask's map is measured, corrected, and measured again; then the
+    remaining offset is corrected, too."""
     camera, projector, mask = (session.found(name) for name in ("camera", "projector", "mask"))
     lit = max(MOVES, session.full // MOVES * MOVES)
     taken = yield from take_photo(
@@ -130,7 +132,7 @@ def _both(
 ) -> Generator[
     PhotoRequest | UserPrompt, CalibrationPhoto | None, tuple[StripeSeries, StripeSeries]
 ]:
-    """Series of upright and of lying stripes. placed : see `Gathering.series`."""
+    """Series of upright and of lying stripes. placed : see `StripeSeriesBuilder.series`."""
     found, window = [], find_shared_window(mask, camera)
     for stripes in pair:
         gathering = StripeSeriesBuilder(stripes, white, camera, projector, window=window)
@@ -142,15 +144,15 @@ def _both(
 
 
 def _error_px(correction: MapCorrection, after: MaskOffsets) -> float:
-    """Standard deviation of the corrected map, that 95 % of the places stay below."""
+    """The 95th percentile of the corrected map's standard deviation."""
     sigma = correction.sigma_at(after.points_px)
     return float(np.quantile(sigma.max(axis=-1), 0.95))
 
 
 def _left_px(correction: MapCorrection, after: MaskOffsets, error_px: float) -> float:
-    """Offset that 95 % of the field stay below once the correction is made: by its own error, and
-    by what it is too smooth to follow. Single offsets scatter much more, by noise; means over
-    small parts of the field do not."""
+    """Offset that 95 % of the field stay below after the correction: by its own error, and by what
+    it is too smooth to follow. Noise makes single offsets scatter much more; means over small parts
+    of the field do not."""
     points, size = after.points_px, np.array(correction.size_px)
     good = np.isfinite(points).all(axis=-1) & np.isfinite(after.offset_px).all(axis=-1)
     column, row = np.clip(
@@ -199,7 +201,7 @@ def _figures(
 
 
 def _leaks(meeting: MaskAlignment) -> list[MeasuredFigure]:
-    """What cells of some sizes leak through half windows."""
+    """What cells of some sizes leak with half windows."""
     return [
         MeasuredFigure(f"leak_{row.cell_px:g}px", row.half, 0.0, "")
         for row in list_cell_leaks(meeting)
@@ -239,8 +241,8 @@ def _draw(
 ) -> None:
     """Offsets of geometry's map and of the map once corrected, and what cells leak.
 
-    Drawn is the smooth offset that each series found: single ones of short stripes, of which a
-    camera has two quads a period, scatter by ten times what is wrong with the map.
+    The smooth offset that was fitted to each series is drawn. Single offsets of short stripes,
+    which have two quads per period in the camera, scatter by ten times the map's error.
     """
     size = np.array(size_px, dtype=np.float64)
     fields = [

@@ -1,4 +1,4 @@
-"""What can be wrong with photos of stripes, each by its name."""
+"""Checks of photos of stripes: what can be wrong with them, each named."""
 
 from __future__ import annotations
 
@@ -16,33 +16,36 @@ from pdcd.panels.map import Map
 _Complex = NDArray[np.complex128]
 
 _DIM = 0.1
-"""Quads with less of the brightest white are not looked at."""
+"""Share of the brightest white below which quads are not used."""
 _LEAST_LIGHT = 5.0
 """White, over its standard deviation in one quad, below which there was no light."""
 _MOST_SATURATED = 0.001
 """Share of the lit quads that may be saturated: hot pixels and specks."""
 _LEAST_DEPTH = 0.2
-"""Modulation below which stripes tell nothing; 0.81 where all is sharp."""
+"""Modulation below which stripes cannot be used; 0.81 where all is sharp."""
 _LEAST_SHARE = 0.6
-"""Share of the field, as far as the camera sees it, that must have been measured."""
+"""Share of the field, as far as the camera sees it, that must be measured."""
 _REACH = 2.5
 """Periods from a measured place within which the field counts as measured: 1.5 of them are averaged
-over, 1 is half the way to where the next place would be."""
+over, 1 is half the way to the next place."""
 _AMBIGUOUS = 0.4
 """Offsets beyond so many periods may be those of the next stripe."""
 _OTHER_STRIPE_PX = 1.0
-"""By how much two periods may disagree: neighbours of 16 px stripes disagree by 2 px or more."""
+"""By how much two periods may disagree in offset: for neighbouring stripes of 16 px it is 2 px or
+more."""
 _CHANGED = 0.012
-"""Part of the photos that no stripes explain, over the stripes' amplitude."""
+"""Part of the photos that no stripes explain, over the stripes' amplitude, from which the bench has
+changed."""
 _FOLLOWED = 0.3
-"""Depth of the mask's stripes where the maps have them, over the depth of the product: 1.57 with
-sharp photos; below, they run elsewhere."""
+"""Depth of the mask's stripes where the maps have them, over the depth of the product, below which
+they run elsewhere; 1.57 with sharp photos."""
 _CELLS = (12, 16)
-"""Rows and columns that the field is divided into, to see how much of it was measured."""
+"""Rows and columns of places of the field that are checked for coverage."""
 
 
 def find_lit_quads(white: Floats, variance: Floats) -> Bools:
-    """Which quads a white photo (h, w) lights. Raises CalibrationError where there is no light."""
+    """The quads that are lit in a white photo (h, w). Raises CalibrationError where there is no
+    light."""
     finite = np.isfinite(white)
     brightest = np.quantile(white[finite], 0.98) if finite.any() else 0.0
     bright = finite & (white > _DIM * brightest)
@@ -70,8 +73,8 @@ def check_stripe_saturation(saturated: Bools | None, lit: Bools) -> None:
 def check_window_coverage(
     places: Floats, camera: Map, period_quads: float, window: Window = WHOLE
 ) -> None:
-    """Raise CalibrationError where places (n, 2) in quads leave too much of the field's window
-    out."""
+    """Raise CalibrationError where the places (n, 2), in quads, cover too little of the field's
+    window."""
     rows, cols = _CELLS
     x, y = window.x((np.arange(cols) + 0.5) / cols), window.y((np.arange(rows) + 0.5) / rows)
     cells = camera.from_field(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
@@ -91,7 +94,7 @@ def check_window_coverage(
 
 
 def check_stripe_contrast(share: Floats, first: _Complex, sigma: Floats) -> None:
-    """Raise CalibrationError where photos (n, S) over white have no stripes to speak of."""
+    """Raise CalibrationError where photos (n, S) over white hardly show stripes."""
     mean = share.mean(axis=1)
     level = float(np.median(mean))
     if level > 0.6:
@@ -131,10 +134,10 @@ def check_stripe_direction(
     averaging: StripeAverager,
     places: Floats,
 ) -> None:
-    """Raise CalibrationError where the mask's stripes run against their map, or not by it at all.
+    """Raise CalibrationError where the mask's stripes run against their map, or do not follow it.
 
     turning : first harmonic of each block over the photos, whose phase follows the mask's stripes.
-    carrier : the same as the maps have it. first : (n,) averages at the places.
+    carrier : the same by the maps. first : (n,) averages at the places.
     """
     depths = []
     for way in (np.conj(carrier), carrier):
@@ -159,8 +162,8 @@ def check_stripe_direction(
 def check_series_consistency(share: Floats, first: _Complex, sigma: Floats) -> None:
     """Raise CalibrationError where the photos (n, S) of a series do not belong together."""
     steps = share.shape[1]
-    # Stripes on stripes have odd harmonics only, however sharp: even ones tell as much of all else
-    # as any.
+    # The product of two stripe patterns has only odd harmonics, however sharp it is; even ones show
+    # everything else.
     even = (np.abs(np.fft.fft(share, axis=1)[:, 2::2] / steps) ** 2).sum(axis=1)
     noise = 2.0 * float(np.mean(sigma**2))
     left = (float(np.median(even)) / (steps / 2 - 1) - noise) * (steps - 3)
@@ -187,7 +190,7 @@ def check_offset_range(offset_px: Floats, period_px: int) -> None:
 
 
 def check_same_stripe(beside_px: Floats, period_px: int) -> None:
-    """Raise CalibrationError where offsets (n, 2) are beside those that a longer period gave."""
+    """Raise CalibrationError where offsets (n, 2) differ from those that a longer period gave."""
     apart = float(np.median(np.abs(beside_px), axis=0).max())
     if apart > _OTHER_STRIPE_PX:
         raise CalibrationError(
@@ -199,5 +202,5 @@ def check_same_stripe(beside_px: Floats, period_px: int) -> None:
 
 
 def interpolate_lattice(coarse: Floats, down: Floats, right: Floats) -> Floats:
-    """Values of a lattice between its points, by their numbers down and right."""
+    """Values of a lattice between its points, at fractional indices down and right."""
     return np.asarray(ndimage.map_coordinates(coarse, [down, right], order=1, mode="nearest"))

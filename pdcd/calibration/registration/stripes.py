@@ -1,13 +1,13 @@
-"""Stripes on both panels at once: the two panels as each other's ruler.
+"""Stripes on both panels at once: each panel is the other's ruler.
 
 The projector shows stripes of a period of P pixels; the mask shows the same stripes where its map
 says that they fall, moved by 0, P/S, 2 P/S ... from photo to photo. How much light comes through
-tells where light and mask really meet (`pdcd.calibration.registration.offsets`).
+shows where light and mask really meet (`pdcd.calibration.registration.offsets`).
 
 The mask's pixels are a lattice that beats with the stripes. So each photo lasts several refreshes,
-between which the stripes move over one pixel of the mask: its pixels turn grey at the stripes'
-edges, by time. The projector is lit only while the mask already shows stripes, and the round of
-moves starts and ends in its middle: so slow panels move no edge.
+in which the stripes move over one pixel of the mask: its pixels at the stripes' edges become grey
+on average. The projector is lit only while the mask already shows stripes, and the round of moves
+starts and ends at its middle: so slow panels shift no edge.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pdcd.panels.frames import BLACK
 from pdcd.panels.map import Map, map_between
 
 MOVES = 8
-"""Places within one pixel of the mask that the stripes take in a photo."""
+"""Positions within one pixel of the mask that the stripes take in a photo."""
 _GUARD = 2
 """Refreshes with a dark projector before and after: the mask has settled, and is not yet black."""
 
@@ -53,17 +53,18 @@ class StripePlan:
 
     @property
     def order(self) -> tuple[int, ...]:
-        """Which step each photo shows. Not one after the other: then a bench that moves amid the
-        series leaves something that no stripes explain."""
+        """The step that each photo shows. They are not in sequence: so if the bench moves during
+        the series, a residual is left that no stripes explain."""
         golden = np.arange(self.steps) * 0.5 * (np.sqrt(5.0) - 1.0)
         return tuple(np.argsort(golden % 1.0).tolist())
 
 
 RULER = (StripePlan(0, 16), StripePlan(1, 16))
-"""What the offset is measured with."""
+"""Stripes by which the offset is measured."""
 FINE = (StripePlan(0, 6, 6), StripePlan(1, 6, 6))
-"""What tells blur, together with `RULER`; what measures on to 9 px from the edges of the field; and
-what finds offsets of more than half a period: 16 and 6 px agree again only 48 px on."""
+"""Stripes that give blur, together with `RULER`; that measure up to 9 px from the edges of the
+field; and that reveal offsets of more than half a period: 16 and 6 px coincide again only 48 px
+on."""
 _COARSER = (
     (1.3, (RULER, FINE)),
     (2.3, (RULER, (StripePlan(0, 10, 6), StripePlan(1, 10, 6)))),
@@ -72,14 +73,14 @@ _COARSER = (
         ((StripePlan(0, 32), StripePlan(1, 32)), (StripePlan(0, 14, 6), StripePlan(1, 14, 6))),
     ),
 )
-"""Stripes of both periods for masks whose pixels are up to so many of the projector's wide: finer
-ones such a mask hardly shows. 16 and 10 px agree again 80 px on, 32 and 14 px 224."""
+"""Stripes of both periods for masks whose pixels are up to so many projector pixels wide: such a
+mask hardly shows finer ones. 16 and 10 px coincide again 80 px on, 32 and 14 px 224 px on."""
 
 
 def choose_stripe_periods(
     mask_px: float,
 ) -> tuple[tuple[StripePlan, StripePlan], tuple[StripePlan, StripePlan]]:
-    """What to measure with, coarse and fine, for a mask whose pixels are so many of the projector's
+    """The coarse and the fine stripes for a mask whose pixels are `mask_px` projector pixels
     wide."""
     return next(pairs for widest, pairs in _COARSER if mask_px <= widest)
 
@@ -89,8 +90,8 @@ def make_stripe_sequences(
 ) -> Iterator[PanelSequence]:
     """The S photos of a series in the order in which to take them, 8 patterns of the mask each.
 
-    projector, mask : maps as they are believed.
-    refreshes : that the projector is lit in each photo, a multiple of 8.
+    projector, mask : maps in use.
+    refreshes : for which the projector is lit in each photo, a multiple of 8.
 
     Raises CalibrationError where the mask's map leads nowhere on the projector.
     """
@@ -118,20 +119,20 @@ def _projector_stripes(stripes: StripePlan, size_px: tuple[int, int]) -> Bits:
 
 
 def _moves_px() -> Floats:
-    """By how many of its pixels the mask's stripes move in the refreshes of a round: forward
+    """By how many of its pixels the mask's stripes are moved in each refresh of a round: forward
     through one pixel, from its middle to its middle."""
     spread: Floats = (np.arange(MOVES) + 0.5) / MOVES - 0.5
     return np.roll(spread, -(MOVES // 2))
 
 
 def compute_pixel_attenuation(stripes: StripePlan, slope: Floats, harmonic: int = 1) -> Floats:
-    """What the mask's pixels leave of a harmonic of the stripes, (n,), 0 to 1.
+    """How much the mask's pixels leave of a harmonic of the stripes, (n,), 0 to 1.
 
-    slope : (n, 2), how the place along the stripes' axis, in projector pixels, moves with a pixel
-        of the mask to the right, and down.
+    slope : (n, 2), how the place along the stripes' axis, in projector pixels, changes per pixel of
+        the mask to the right, and down.
 
-    A pixel holds one value over its area (a sinc for each of its sides), and the moves take it to
-    8 places along one side.
+    A pixel has one value over its area (a sinc for each of its sides), and the moves take it to 8
+    places along one side.
     """
     cycles = np.abs(slope) * harmonic / stripes.period_px
     along = _along(slope)
@@ -142,7 +143,7 @@ def compute_pixel_attenuation(stripes: StripePlan, slope: Floats, harmonic: int 
 
 def _places(axis: int, projector: Map, mask: Map) -> tuple[Floats, Floats]:
     """For the centre of each mask pixel, (height, width): its place along the axis of the
-    projector, and by how much that grows over one pixel of the mask."""
+    projector, and how much that grows over one pixel of the mask."""
     wanted = projector.from_field(mask.centres())[..., axis]
     if not np.isfinite(wanted).any():
         raise CalibrationError(
@@ -161,13 +162,13 @@ def _along(slope: Floats) -> int:
 
 
 def _lit(places: Floats, period_px: int) -> Bits:
-    """Whether places in projector pixels lie on lit stripes; what is no number does not."""
+    """Whether places in projector pixels lie on lit stripes; NaN does not."""
     with np.errstate(invalid="ignore"):
         return np.asarray(np.mod(places / period_px, 1.0) < 0.5)
 
 
 def compute_map_slope(axis: int, projector: Map, mask: Map, points_px: Floats) -> Floats:
-    """How the place along an axis of the projector moves with a pixel of the mask to the right and
+    """How the place along an axis of the projector changes per pixel of the mask to the right and
     down, (n, 2), at points (n, 2) of the mask."""
     half = 0.5
     ways = []

@@ -1,14 +1,14 @@
 """How much light a grey level gives: gamma, and a table of levels.
 
-The panel shows 17 strips of 17 levels, in two orders; a white photo takes out what is uneven, and a
-black one what comes beside the panel's light: over a white that falls off to the corners, light of
-the room is not the same for all strips. Where a strip lies in the photo is told by the panels'
-maps. Two orders that agree prove the maps, and their differences tell the error. Codes need none of
-this: they are black and white.
+The panel shows 17 strips of 17 levels, in two orders. Dividing by a white photo corrects for uneven
+light. A black photo corrects for light that is not the panel's: divided by a white that falls off
+to the corners, light of the room differs from strip to strip. The panels' maps locate the strips in
+the photo. Two orders that agree confirm the maps, and their differences give the error. Codes need
+none of this: they are black and white.
 
 Panels that make grey by dithering show a level only on average over some refreshes, so that photos
-last for whole cycles of it. A level that is shown for one refresh is another matter: a panel's way
-from grey to grey is slower than that from black to white, and no static table tells it.
+last for whole cycles of it. A level that is shown for one refresh is another matter: a panel
+changes more slowly from grey to grey than from black to white, and no static table describes that.
 """
 
 from __future__ import annotations
@@ -42,23 +42,24 @@ _ORDERS = 2
 _NAMES = ("steps-a", "steps-b")
 NO_STRIP = -1
 _MARGIN = 0.25
-"""Of a strip's width at either side: what blur brings from the next one."""
+"""Share of a strip's width that is left out on either side, because blur mixes it with the next
+strip."""
 _DITHER_CYCLE = 16
-"""Refreshes after which every dithering in use begins anew."""
+"""Refreshes after which every usual dithering repeats."""
 _APART = 8.0
-"""Quads between places that are looked up in the maps."""
+"""Quads between places at which the maps are evaluated."""
 _LEAST_QUADS = 30
 _LEAST_WHITE = 0.1
-"""Light of a strip in the white photo, over the mean of all."""
+"""Least light of a strip in the white photo, over the mean of all."""
 _AGREE = 0.05
-"""By which the two orders may differ, of full light."""
+"""Largest difference of the two orders, as a share of full light."""
 _DRIFT = 0.03
 _MOST_BLACK = 0.9
-"""Black over white of a strip that is believed; a panel that shows no levels has 1."""
+"""Largest black over white of a strip that is corrected for; a panel that shows no levels has 1."""
 _DARK = 0.2
-"""Black over white beyond which something else than the panel gives light."""
+"""Black over white beyond which something other than the panel gives light."""
 _SMOOTH = 0.01
-"""Of full light: how far a power law may be off and still be called one."""
+"""Largest misfit of a power law, as a share of full light."""
 _FALLS_SIGMAS = 5.0
 _STEPS = (0.03, 0.97)
 _GAMMAS = (0.1, 8.0)
@@ -69,7 +70,7 @@ _CLOSE = {"xatol": 1e-7}
 class LevelPhoto:
     """One photo of grey levels.
 
-    name : of the photo. panel : which one shows `levels`; the other one is white around it.
+    name : of the photo. panel : the one that shows `levels`; the other one is white.
     levels : (height, width) uint8, of the panel's own pixels.
     refreshes : for which the picture is held.
     """
@@ -83,8 +84,9 @@ class LevelPhoto:
 def make_strip_orders() -> NDArray[np.int64]:
     """(2, 17): which level each strip shows, from left to right.
 
-    Steps of 7 and 5 levels, modulo 17: neighbours differ much. Seen mirrored or shifted, the two
-    orders give each level other light: they begin so that they are no mirrors of one another.
+    The orders step by 7 and 5 levels, modulo 17, so that neighbours differ much. Seen mirrored or
+    shifted, the two orders disagree on each level's light: they start so that neither is the mirror
+    image of the other.
     """
     strips = np.arange(len(STRIP_LEVELS))
     return np.stack([7 * strips % len(STRIP_LEVELS), (5 * strips + 9) % len(STRIP_LEVELS)])
@@ -98,8 +100,8 @@ def plan_level_photos(
 ) -> tuple[LevelPhoto, ...]:
     """White, black, and two photos of strips.
 
-    size_px : (width, height) of the panel. refreshes : at least so many, made up to whole cycles of
-        the panel's dithering.
+    size_px : (width, height) of the panel. refreshes : at least so many, rounded up to whole cycles
+        of the panel's dithering.
     """
     held = -(-refreshes // cycle) * cycle
     width, height = size_px
@@ -122,12 +124,13 @@ def find_level_strip(x: ArrayLike, width: int) -> _Strips:
 
 
 def find_seen_strips(camera: Map, panel: Map) -> _Strips:
-    """Which strip each quad sees, (h, w) int32; `NO_STRIP` beside the panel and near edges."""
+    """Which strip each quad sees, (h, w) int32; `NO_STRIP` off the panel and near edges of
+    strips."""
     width, height = panel.size_px
     cols, rows = camera.size_px
     x, y = (np.append(np.arange(0.5, n - 0.5, _APART), n - 0.5) for n in (cols, rows))
     places = map_between(camera, panel, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
-    # Maps bend so little from one of these places to the next that lines between them do.
+    # Maps bend so little between these places that linear interpolation is enough.
     quads = [np.interp(np.arange(n) + 0.5, v, np.arange(v.size)) for n, v in ((rows, y), (cols, x))]
     found = np.full((rows, cols), NO_STRIP, np.int32)
     across, down = (places[:, axis].reshape(y.size, x.size) for axis in (0, 1))
@@ -146,10 +149,10 @@ def find_seen_strips(camera: Map, panel: Map) -> _Strips:
 class GreyResponse:
     """Light of grey levels of one panel.
 
-    panel : which one.
+    panel : its name.
     levels : (17,) 0..255. light, sigma : (17,) of all channels, over full light: 0 is black.
     gamma, gamma_sigma : of the law ``(level / 255)^gamma``; `channel_gammas` of each channel.
-    misfit : how far the law is off, of full light.
+    misfit : largest error of the law, as a share of full light.
     """
 
     panel: str
@@ -175,7 +178,7 @@ class GreyResponse:
         return np.asarray(above - nearer, np.uint8)
 
     def figures(self) -> tuple[MeasuredFigure, ...]:
-        """What to tell of it."""
+        """The figures of this panel."""
         law = self.misfit <= _SMOOTH
         apart = max(self.channel_gammas) - min(self.channel_gammas)
         of_colours = MeasuredFigure(f"{self.panel}.gamma_colours", apart, self.gamma_sigma, "")
@@ -294,9 +297,9 @@ def _over_white(
 def _as_if_even(
     ratio: Floats, noise: Floats, black: Floats, of_black: Floats
 ) -> tuple[Floats, Floats]:
-    """What strips would show were black over white the same everywhere: (orders, 17, C) each.
+    """What strips would show if black over white were the same everywhere: (orders, 17, C) each.
 
-    A level that gives the share l of the panel's light shows l + (1 - l) b, b the black there.
+    A level that gives the share l of the panel's light shows l + (1 - l) b, with b the black there.
     """
     left = (1.0 - ratio) / (1.0 - np.minimum(black, _MOST_BLACK))  # 1 - l
     even = 1.0 - np.minimum(black, _MOST_BLACK).mean(axis=(0, 1))
@@ -304,8 +307,8 @@ def _as_if_even(
 
 
 def _uneven(each: Floats, noise: Floats) -> float:
-    """Relative error of the flat field: how the two orders of bright strips differ, beyond noise
-    and beyond what all have in common."""
+    """Relative error of the flat field: the difference of the two orders of bright strips, beyond
+    noise and beyond what all strips have in common."""
     bright = (each.mean(axis=(0, 2)) > 0.2) & (np.arange(len(STRIP_LEVELS)) < len(STRIP_LEVELS) - 1)
     middle = each[:, bright].mean(axis=0)
     apart = ((each[0] - each[1])[bright] / middle).mean(axis=1)
@@ -314,8 +317,8 @@ def _uneven(each: Floats, noise: Floats) -> float:
 
 
 def _errors(light: Floats, noise: Floats, flat: float) -> Floats:
-    """Standard deviations of scaled light, (17,): of a strip, and of the black and the white one
-    that it is scaled by."""
+    """Standard deviations of scaled light, (17,): of the strip itself, and of the black and the
+    white one that it is scaled by."""
     own = noise**2 + (flat * light) ** 2
     variance = own + light**2 * own[-1] + (1.0 - light) ** 2 * own[0]
     variance[[0, -1]] = 0.0
@@ -323,7 +326,7 @@ def _errors(light: Floats, noise: Floats, flat: float) -> Floats:
 
 
 def _refuse(by_level: Floats, noise: Floats) -> None:
-    """Raise CalibrationError where strips are not those of the two orders."""
+    """Raise CalibrationError where the strips are not those of the two orders."""
     mean = by_level.mean(axis=2)
     if float(np.median(noise)) > 0.02:
         raise CalibrationError(
@@ -403,7 +406,7 @@ def _power(
     levels: Floats, by_level: Floats, noise: Floats, flat: float
 ) -> tuple[float, float, float]:
     """Gamma, its standard deviation and the largest misfit of ``black + span (level/255)^gamma``,
-    black and span free in both orders: (orders, levels)."""
+    with black and span free in both orders: (orders, levels)."""
     grey = levels / 255.0
     error = np.sqrt(noise**2 + (flat * by_level) ** 2 + 1e-10)
 
@@ -422,7 +425,7 @@ def _power(
     found = minimize_scalar(misfits, bounds=np.log(_GAMMAS), method="bounded", options=_CLOSE)
     gamma = float(np.exp(found.x))
     law, spans = fitted(gamma)
-    # How the best law moves with gamma: its errors are all that black and span cannot take up.
+    # How the best law moves with gamma, beyond what black and span can absorb.
     step = 1e-4
     slope = (fitted(gamma + step)[0] - fitted(gamma - step)[0]) / (2.0 * step)
     freedom = by_level.size - 1 - 2 * _ORDERS

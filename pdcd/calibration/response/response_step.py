@@ -30,12 +30,13 @@ from pdcd.calibration.shown import PanelSequence, make_still_sequence
 from pdcd.panels.frames import WHITE
 
 HELD = 128
-"""Refreshes for which a picture is held, at least: ways from grey to grey are slow."""
+"""Refreshes for which a picture is held, at least: changes from grey to grey are slow."""
 _PANELS: tuple[Literal["projector", "mask"], ...] = ("projector", "mask")
 _LAW = 0.004
-"""Misfit up to which a power law is taken: about half a step of 8 bits near white, at gamma 2.2."""
+"""Largest misfit with which a power law is used: about half a step of 8 bits near white, at gamma
+2.2."""
 _BENT, _COLOURED = 0.01, 0.1
-"""Misfit of a power law, and difference of the colours' gammas, worth a word."""
+"""Misfit of a power law, and difference of the colours' gammas, from which there is advice."""
 
 
 def calibrate_response(session: CalibrationSession) -> StepScript:
@@ -79,7 +80,8 @@ def _shown_of(steps: LevelPhoto) -> PanelSequence:
 
 
 def _words(found: GreyResponse) -> dict[str, ConfigValue]:
-    """What captures go by from now on: gamma where the panel follows it, else the table."""
+    """The configuration values that captures use: gamma where the panel follows it, else the
+    table."""
     law = found.misfit <= _LAW
     gamma = ConfigValue(found.gamma, found.gamma_sigma) if law else ConfigValue(None)
     lights = found.light_of()

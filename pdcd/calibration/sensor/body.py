@@ -1,11 +1,11 @@
 """The camera's sensor, measured at one ISO: black, gain, read noise, saturation, linearity.
 
-Fourteen photos: two of black panels, one of the open mask alone, and white light of counted
-refreshes from 3 to 130 % of what saturates; two doses are taken twice. All have the shutter open
-for as long. Any still thing may stand in front of the camera: a card is best, for its light is
-even.
+The photos are two of black panels, one of the open mask alone, and white light of counted refreshes
+from 3 to 130 % of the saturating dose, two doses twice. The shutter is open equally long in all of
+them. Anything that does not move may stand in front of the camera: a card is best, because its
+light is even.
 
-RAW samples are taken plane by plane, R, G1, G2, B or grey, as the sensor gave them.
+RAW samples are used plane by plane, R, G1, G2, B or grey, as the sensor gave them.
 """
 
 from __future__ import annotations
@@ -39,24 +39,25 @@ _Planes = NDArray[np.float32]
 _NAMES = {4: ("R", "G1", "G2", "B"), 1: ("grey",)}
 _LADDER = (0.03, 0.06, 0.12, 0.2, 0.4, 0.6, 0.75, 0.9, 1.1, 1.3)
 _TWICE = (0.2, 0.6)
-"""Shares of the saturating dose; those that photon transfer needs twice."""
+"""Shares of the saturating dose; and the shares that are photographed twice, for photon
+transfer."""
 _LEAST_REFRESHES = 2
-"""Of a dose: a single refresh ends before the panel has risen."""
+"""Least refreshes of a dose: a single refresh ends before the panel has risen."""
 _TRANSFER_SHARE = 0.7
 _BRIGHT, _ALIKE = 0.98, 0.03
-"""Blocks within 3 % of the light that 98 % have at most stand for their plane in the doses."""
+"""Blocks within 3 % of the 98th percentile of light represent their plane in the doses."""
 _LIT = 0.3
-"""Light of the darkest part of a block, over the brightest there is, from which it is lit."""
+"""Light of the darkest part of a block, over the brightest of all, from which the block is lit."""
 _EVEN = 0.1
-"""Difference of light in a block, over the most, that lenses and lamps make; where a scene has no
-such blocks the most even quarter is taken."""
+"""Largest relative difference of light within a block that lenses and lamps make; where a scene has
+no such blocks, the most even quarter is used."""
 _ROUNDING_DN = 0.29
 _DARK_LIMIT_DN = 30.0
-"""Of dark photos beside their black level; what the panels leak is a tenth of that."""
+"""Largest light of dark photos above their black level; panels leak a tenth of that."""
 _LEAKED_DN = 1.5
 _HOT_SIGMAS = 5.0
 _ROOM_SHARE = 0.2
-"""Light without a dose, over saturation."""
+"""Largest light without a dose, over saturation."""
 _FLAT_LIMIT = 0.01
 _LAMP_LIMIT = 0.01
 
@@ -65,8 +66,8 @@ _LAMP_LIMIT = 0.01
 class SensorPlan:
     """What to show.
 
-    full : white refreshes that just saturate the brightest quads at the f-number that is set. At
-        least 67, so that the smallest dose has two.
+    full : white refreshes that just saturate the brightest quads at the f-number in use; at least
+        67, so that the smallest dose has two.
     lead : refreshes for which the mask is open before and after the light.
     """
 
@@ -100,7 +101,7 @@ class SensorPlan:
 
     @property
     def refreshes(self) -> int:
-        """Of every photo."""
+        """Refreshes of every photo."""
         return max(self.doses.values()) + 2 * self.lead
 
     def photos(self) -> tuple[PanelSequence, ...]:
@@ -120,8 +121,7 @@ class SensorPlan:
 class SensorMeasurement:
     """What was measured at one ISO, plane by plane (R, G1, G2, B, or grey).
 
-    black_dn : (P,) float64, black level of the file; black_sigma : by how far it moves from photo
-        to photo.
+    black_dn : (P,) float64, black level of the file; black_sigma : its change from photo to photo.
     transfer, lines : gain and noise, linearity and saturation.
     lamp : largest relative difference of photos that should be equal.
     """
@@ -135,7 +135,7 @@ class SensorMeasurement:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the planes are called."""
+        """Names of the planes."""
         return _NAMES[len(self.lines)]
 
     @property
@@ -158,14 +158,15 @@ class SensorMeasurement:
     @property
     def offset_refreshes(self) -> tuple[float, float]:
         """What the projector's edges add to any dose, (fall - rise) / refresh, and its standard
-        deviation. The planes share the lamp's errors, so that they are no better than one."""
+        deviation. The planes share the lamp's errors, so averaging them does not reduce the
+        error."""
         values, sigmas = zip(
             *((n.offset_refreshes, n.offset_sigma) for n in self.lines), strict=True
         )
         return float(np.mean(values)), float(np.mean(sigmas))
 
     def figures(self) -> tuple[MeasuredFigure, ...]:
-        """What to tell of it."""
+        """The figures of the sensor."""
         good, doubtful, bad = Verdict.GOOD, Verdict.DOUBTFUL, Verdict.BAD
         gains = [t.gain_e_per_dn for t in self.transfer]
         alike = good if max(gains) < 1.05 * min(gains) else doubtful
@@ -199,7 +200,7 @@ def measure_sensor(
     dark_e: float = 0.0,
     masked: bool = False,
 ) -> SensorMeasurement:
-    """Black, gain, read noise, saturation and linearity out of a series.
+    """Black, gain, read noise, saturation and linearity from a series.
 
     Parameters
     ----------
@@ -207,11 +208,11 @@ def measure_sensor(
         `plan.photos()`. Each is asked for at most three times, so that it may be read from a file.
     plan : what was shown.
     iso : at which it was taken.
-    black_dn : (P,) what was taken off: the mean of the masked border, or what the file says.
-    dark_e : electrons of dark current in a dark photo; its noise is taken out of the read noise,
-        and that of light that the panels leak.
-    masked : whether `black_dn` is of the masked border. A number of the file may itself be off, so
-        that no more than `_LEAKED_DN` above it counts as light.
+    black_dn : (P,) what was subtracted: the mean of the masked border, or the file's number.
+    dark_e : electrons of dark current in a dark photo; their noise, and that of light that the
+        panels leak, is subtracted from the read noise.
+    masked : whether `black_dn` is from the masked border. A number of the file may itself be wrong,
+        so that then no more than `_LEAKED_DN` above it counts as light.
 
     Raises CalibrationError: no light, a shutter that did not open, light in dark photos, a black
     level that moves, saturated or dim flats, something that moved, samples that were filtered.
@@ -247,7 +248,8 @@ def measure_sensor(
 def _lines(
     photos: Mapping[str, _Planes], plan: SensorPlan, base: _Planes, dark: _Planes
 ) -> tuple[tuple[DoseLine, ...], Floats]:
-    """The line of each plane, of its brightest evenly lit blocks, and their light, (P, doses)."""
+    """The dose line of each plane, from its brightest evenly lit blocks, and their light, (P,
+    doses)."""
     floor = _levels(base)
     first = photos[plan.pairs[0][0]]
     light = _levels(first) - floor
@@ -269,7 +271,7 @@ def _lines(
             name,
             doses[order],
             signal[plane, order],
-            # Where the sensor is full a few blocks may not be: by the middle one.
+            # Where the sensor saturates, a few blocks may not: the median block decides.
             *(float(np.median(of[plane][chosen[plane]])) for of in (full, floor, noise)),
         )
         for plane, name in enumerate(_NAMES[len(base)])
@@ -285,8 +287,8 @@ def _brightest(light: Floats, even: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _evenly_lit(light: _Planes) -> NDArray[np.bool_]:
-    """Blocks of one light: of others, as at the edge of the light, the brighter part saturates
-    first. All of them where there is hardly any light."""
+    """Evenly lit blocks: in others, as at the edge of the light, the brighter part saturates first.
+    All blocks where there is hardly any light."""
     rows, cols = (length // VARIANCE_BLOCK_SIDE for length in light.shape)
     fine = average_blocks(
         light[: rows * VARIANCE_BLOCK_SIDE, : cols * VARIANCE_BLOCK_SIDE].astype(np.float64),
@@ -322,8 +324,9 @@ def _spreads(planes: _Planes) -> Floats:
 
 
 def _refuse_dark_light(dark: _Planes, again: _Planes) -> tuple[Floats, float]:
-    """How far the dark photos lie from the black that was taken off, (P,) DN, and by how much the
-    two differ."""
+    """How far the dark photos lie from the black that was subtracted, (P,) DN, and the standard
+    deviation of one photo's black level, from their difference. Raises CalibrationError where
+    either is too large."""
     levels = [np.array([_middle(plane) for plane in planes]) for planes in (dark, again)]
     apart = float(np.abs(levels[0] - levels[1]).max())
     shift = np.asarray(0.5 * (levels[0] + levels[1]), np.float64)
@@ -352,19 +355,19 @@ def _middle(plane: NDArray[np.float32]) -> float:
 
 
 def _pick_main_plane(planes: NDArray[np.floating]) -> NDArray[np.floating]:
-    """That of G1, or of grey."""
+    """The plane of G1, or of grey."""
     return np.asarray(planes[(len(planes) - 1) // 2])
 
 
 def _refuse_no_light(plan: SensorPlan, signal: Floats, dark: _Planes) -> None:
-    """Raise CalibrationError where nothing, or one photo of the pairs, shows light."""
+    """Raise CalibrationError where all photos, or one of them, show no light."""
     spread = float(np.std(_pick_main_plane(dark)))
     floor = max(0.05 * spread, 1.0)
     check_brightness({name: float(signal[:, n].max()) for n, name in enumerate(plan.doses)}, floor)
 
 
 def _refuse_room(base: _Planes, lines: tuple[DoseLine, ...]) -> None:
-    """Raise CalibrationError where much light comes without the projector."""
+    """Raise CalibrationError where there is much light without the projector."""
     for plane, line in enumerate(lines):
         share = float(np.median(base[plane])) / line.highest_dn
         if share > _ROOM_SHARE:
@@ -393,14 +396,14 @@ def make_measured_profile(
     source: str,
     base: str = "",
 ) -> SensorProfile:
-    """The profile of this very body: what was measured, at its ISO, in a profile that was known.
+    """The profile of this very body: a known profile with what was measured at its ISO.
 
-    known : gives what was not measured: dark current, bits, size, white level and full well where
+    known : gives what was not measured: dark current, bits, size; white level and full well where
         the series did not reach them. Its rows of other ISOs are kept only where it is itself a
         measured profile.
-    base : what `known` was read from, where nobody has measured it.
+    base : what `known` was read from, where it is not a measured profile.
 
-    Raises ConfigError where the numbers make no profile.
+    Raises ConfigError where the numbers make no valid profile.
     """
     gain, read = body.gain[0], body.read_noise[0]
     black = round(float(body.black_dn.mean()))

@@ -1,9 +1,10 @@
 """Linearity and saturation by counted refreshes.
 
-The shutter of a camera is no ruler for light. Refreshes are: n white refreshes inside an open
-shutter give n times the light of one, but for what the panel's edges add, ``fall - rise``, which is
+A camera's shutter does not dose light exactly. Refreshes do: n white refreshes inside an open
+shutter give n times the light of one, plus what the panel's edges add, ``fall - rise``, which is
 the same for every n >= 2. So the signal of a linear sensor is ``a (n + o)``, with o the offset in
-refreshes. A straight line by relative weights over 5 to 95 % of saturation, after EMVA 1288.
+refreshes. A straight line is fitted with relative weights over 5 to 95 % of saturation, after EMVA
+1288.
 """
 
 from __future__ import annotations
@@ -17,27 +18,27 @@ from pdcd.errors import CalibrationError
 
 _LINEAR_SHARES = (0.05, 0.95)
 _STOPPED = 0.93
-"""Of the light that is due: below it the signal has stopped."""
+"""Share of the expected light below which the signal has saturated."""
 _UNBENT = 0.99
-"""Of the light that is due: below it some quads have stopped."""
+"""Share of the expected light below which some quads have saturated."""
 _LEAST_DOSES = 4
 _DARK = 0.2
-"""Of the light that is due: below it a photo is dark."""
+"""Share of the expected light below which a photo is dark."""
 _FALLEN = 0.9
-"""Of the light of a smaller dose: below it a photo lacks light."""
+"""Share of the light of a smaller dose below which a photo lacks light."""
 
 
 @dataclass(frozen=True, eq=False)
 class DoseLine:
-    """How the signal of one plane goes with the dose.
+    """How the signal of one plane depends on the dose.
 
     offset_refreshes, offset_sigma : what the panel's edges add.
     error : largest deviation from the line, over the line; `deviations` all of them, (doses,), NaN
         beyond 5 to 95 %.
     saturation_dn : DN above black at which the signal stops; None where no dose reached it.
-    highest_dn : the highest that was seen.
-    clipped : whether it stops at one and the same number, as a converter does, or with noise, as a
-        full well does.
+    highest_dn : DN above black of the largest dose.
+    clipped : whether it stops at one fixed number, as a converter does, or with noise, as a full
+        well does.
     """
 
     offset_refreshes: float
@@ -56,10 +57,10 @@ def fit_dose_line(
 
     Parameters
     ----------
-    plane : its name, for what is raised.
+    plane : its name, for error messages.
     doses : (n,) white refreshes, ascending; equal ones may repeat.
     signal : (n,) DN above black and above the light of no dose, of the brightest quads.
-    full_dn, base_dn : DN above black of their middle in the largest dose, and without a dose.
+    full_dn, base_dn : DN above black of their median block in the largest dose, and without a dose.
     noise_dn : standard deviation of their samples in the largest dose.
 
     Raises CalibrationError: fewer than four doses in range, a photo without its light, a signal
@@ -95,8 +96,8 @@ def fit_dose_line(
 
 
 def _refuse_missing(plane: str, doses: Floats, signal: Floats, slope: float) -> None:
-    """Raise CalibrationError for a dose whose light is not there: by far less than the slope says,
-    which such a dose pulls down itself, or less than a smaller dose gave."""
+    """Raise CalibrationError for a dose without its light: far less than the slope predicts (such a
+    dose lowers the slope itself), or less than a smaller dose gave."""
     top = float(signal.max())
     for dose, seen in zip(doses, signal, strict=True):
         smaller = float(signal[doses < dose].max(initial=0.0))

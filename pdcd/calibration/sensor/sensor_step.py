@@ -33,7 +33,7 @@ from pdcd.sensor.raw import RawFrame
 _Planes = NDArray[np.float32]
 
 _SATURATING = 120
-"""White refreshes that shall saturate: the smallest dose is then four, and a photo takes 3 s."""
+"""White refreshes that should saturate: the smallest dose is then four, and a photo takes 3 s."""
 _PROFILE = "sensor.toml"
 """File of the profile in the calibration's folder."""
 EDGE_KEY = "sensor.edge_s"
@@ -41,13 +41,13 @@ EDGE_KEY = "sensor.edge_s"
 GAIN_KEY = "sensor.gain_e_per_dn"
 """Array (2,): the gain and its sigma."""
 BLACK_SIGMA_KEY = "sensor.black_sigma_dn"
-"""Array (1,): by how far the black level moves from photo to photo."""
+"""Array (1,): standard deviation of the black level from photo to photo."""
 
 
 def calibrate_sensor(session: CalibrationSession) -> StepScript:
-    """Fourteen photos: black, and white light of counted refreshes until the sensor is full.
+    """Photos of black, and of white light of counted refreshes until the sensor saturates.
 
-    The profile that comes out replaces the camera's.
+    The resulting profile replaces the camera's.
     """
     f_number, full = choose_wide_aperture(session, round(FULL_SHARE * _SATURATING))
     plan = SensorPlan(round(full / FULL_SHARE))
@@ -95,20 +95,20 @@ def calibrate_sensor(session: CalibrationSession) -> StepScript:
 
 
 def _keep_below(session: CalibrationSession, believed_dn: float, found_dn: float) -> None:
-    """Have later photos shorter where the sensor is full sooner than was believed."""
+    """Make later photos shorter where the sensor saturates sooner than was believed."""
     if found_dn < believed_dn:
         session.full = max(LEAST, int(session.full * found_dn / believed_dn))
 
 
 class _Frame(NamedTuple):
-    """samples : (P, h, w), as of `RawFrame`. black : (P,) float32, their black level."""
+    """samples : (P, h, w), as in `RawFrame`. black : (P,) float32, their black level."""
 
     samples: NDArray[np.uint16] | NDArray[np.float32]
     black: _Planes
 
 
 class Film(Mapping[str, _Planes]):
-    """Photos by name, as planes in DN minus black; held as the numbers of their files."""
+    """Photos by name, as planes in DN minus black; stored as the numbers of their files."""
 
     def __init__(self) -> None:
         self._frames: dict[str, _Frame] = {}
@@ -126,7 +126,7 @@ class Film(Mapping[str, _Planes]):
 
     @property
     def black_dn(self) -> Floats:
-        """(P,) what was taken off, on average."""
+        """(P,) the black that was subtracted, on average."""
         return np.asarray(np.mean(self._black, axis=0), np.float64)
 
     def __getitem__(self, name: str) -> _Planes:

@@ -1,4 +1,4 @@
-"""Gain and read noise out of what photos of the same light differ by: one line of variance over
+"""Gain and read noise from the differences of photos of the same light: the line of variance over
 mean.
 
 Photon noise is known: its variance in electrons is their number. In DN, with K = 1 / gain, a plane
@@ -12,7 +12,7 @@ With two photos a and b of a block, r = mean(a) / mean(b), lamp flicker included
 
 so that `var` and `m` lie on the line exactly, whatever the flicker. The line is fitted over the
 blocks of all pairs with the weights of a sample variance, ``(n - 1) / (2 var^2)``. What whole rows
-have in common (banding) is taken out of d in the dark, where it counts.
+have in common (banding) is subtracted from d in the dark, where it matters.
 
 After EMVA 1288 "Linear", section on the photon transfer method.
 """
@@ -29,26 +29,30 @@ from pdcd.calibration.photo import average_blocks
 from pdcd.errors import CalibrationError
 
 VARIANCE_BLOCK_SIDE = 32
-"""Samples along a block: 1024 of them tell a variance to 4.4 %, and hardly see vignetting."""
+"""Samples along a block: 1024 of them give a variance to 4.4 %, and vignetting hardly matters."""
 _LEAST_BLOCKS = 12
 PARTS, _UNEVEN = 4, 0.5
-"""Parts of a block's side, and the difference of their light over its mean that is borne."""
+"""Parts of a block's side, and the largest difference of their light over its mean that is
+accepted."""
 _UNLIT = 0.02
-"""Share of the brightest light below which a block of a lit photo is beside the card, and tells no
-more than a dark photo."""
+"""Share of the brightest light below which a block of a lit photo is beside the card, and no better
+than one of a dark photo."""
 _CLIP_SIGMAS = 6.0
 _ROUNDING_DN2 = 1.0 / 12.0
 _LEAST_DARK_DN2 = 0.24
-"""Below it rounding to whole DN hides the read noise (EMVA 1288)."""
+"""Variance in the dark below which rounding to whole DN hides the read noise (EMVA 1288)."""
 _DIM = 2.0
-"""Photon noise in the brighter pair, over that of the dark, from which a gain can be told."""
+"""Variance by photons in the brighter pair, over that in the dark, from which a gain can be
+measured."""
 _ROUNDS = 6
-"""Solves of the line, each weighted by the one before."""
+"""Solves of the line, each weighted by the result of the one before."""
 _REJECT_SIGMAS, _REJECT_SHARE = 5.0, 0.1
 _EXCESS_CHI2 = 0.3
-"""Variance of the blocks about the line, over what samples allow, beyond 1."""
+"""Largest excess of chi^2 over 1: variance of the blocks about the line, over what samples
+allow."""
 _MOST_CORRELATION = 0.03
-"""Of neighbouring samples' noise: 0 for samples as the sensor gave them."""
+"""Largest correlation of neighbouring samples' noise; it is 0 for samples as the sensor gave
+them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +60,7 @@ class _Pair:
     """Two photos of the same light, by blocks of one plane.
 
     mean, variance : (blocks,) float64, DN above black and DN^2, of one photo.
-    samples : (blocks,) float64, how many the variance is of; 0 where the light is uneven.
+    samples : (blocks,) float64, number of samples of the variance; 0 where the light is uneven.
     peak : (blocks,) float64, highest mean of the two.
     correlation : of neighbouring samples' noise.
     """
@@ -75,7 +79,7 @@ def compare_plane_pair(first: Floats, second: Floats, dark: Floats | None = None
     ----------
     first, second : (h, w), DN above black.
     dark : (h, w) or None
-        The same without light: `mean` is above it. None for a dark pair.
+        The same plane without light, which is subtracted for `mean`. None for a dark pair.
 
     Raises CalibrationError where the plane has no block.
     """
@@ -114,7 +118,7 @@ def compare_plane_pair(first: Floats, second: Floats, dark: Floats | None = None
 
 
 def _centred(d: Floats, kept: NDArray[np.bool_], axis: tuple[int, int]) -> Floats:
-    """The kept samples of blocks less their mean along some axes; others are 0."""
+    """The kept samples of blocks less their mean along some axes; the others are 0."""
     some = np.where(kept, d, 0.0)
     mean = some.sum(axis=axis, keepdims=True) / np.maximum(kept.sum(axis=axis, keepdims=True), 1)
     return np.where(kept, d - mean, 0.0)
@@ -129,10 +133,10 @@ def _blocks(plane: Floats) -> Floats:
 
 
 def _even(light: Floats, noise: Floats) -> NDArray[np.bool_]:
-    """Blocks of one light: where half of a block is dark, as at the picture's edge, variances of
-    unlike samples are mixed, and the mix scatters more than either.
+    """Blocks with even light. Where half of a block is dark, as at the picture's edge, samples of
+    unlike variance are mixed, and the mix scatters more than either.
 
-    light : samples. noise : standard deviation of one, by blocks.
+    light : samples. noise : standard deviation of a sample, by blocks.
     """
     part = VARIANCE_BLOCK_SIDE // PARTS
     rows, cols = noise.shape
@@ -147,7 +151,7 @@ def _even(light: Floats, noise: Floats) -> NDArray[np.bool_]:
 class PhotonTransfer:
     """Gain and noise of one plane.
 
-    gain_e_per_dn, read_noise_e and their standard deviations. The read noise holds neither
+    gain_e_per_dn, read_noise_e and their standard deviations. The read noise includes neither
     rounding nor what rows have in common.
     chi2 : of the blocks about the line, over their number: 1 is pure photon noise.
     rounded : whether rounding hides the read noise, which is then an upper bound.
@@ -174,16 +178,16 @@ def fit_photon_transfer(
 
     Parameters
     ----------
-    plane : its name, for what is raised.
+    plane : its name, for error messages.
     dark, lit : pairs without and with light.
     highest_dn : blocks above it are left out: 70 % of saturation.
-    dark_e : electrons of dark current in a dark photo, whose noise is no read noise.
-    leaked_dn : light in a dark photo on average, whose noise is none either.
+    dark_e : electrons of dark current in a dark photo; their noise is not read noise.
+    leaked_dn : mean light in a dark photo; its noise is not read noise either.
 
     Raises CalibrationError: no noise, saturated, too dim, moved between two photos, or filtered
     samples.
     """
-    # Light that the panels leak is uneven too, and has its noise in every photo.
+    # Light that the panels leak is uneven, too, and its noise is in every photo.
     leak = np.maximum(dark.mean - dark.mean.mean() + leaked_dn, 0.0)
     mean = np.concatenate([leak, *(pair.mean + leak for pair in lit)])
     variance, samples, peak = (
@@ -209,7 +213,7 @@ def fit_photon_transfer(
             hint="open the aperture, or show more refreshes",
         )
     read_dn = float(np.sqrt(max(dark_dn2 - _ROUNDING_DN2 - dark_e * slope**2, 1e-6)))
-    # read = sqrt(dark - 1/12) / K: how it moves with either number of the line.
+    # read = sqrt(dark - 1/12) / K: its derivatives by both numbers of the line.
     moves = np.array([0.5 / (read_dn * slope), -read_dn / slope**2])
     return PhotonTransfer(
         gain_e_per_dn=1.0 / slope,
@@ -224,8 +228,8 @@ def fit_photon_transfer(
 def _line(
     plane: str, mean: Floats, variance: Floats, samples: Floats, good: NDArray[np.bool_]
 ) -> tuple[tuple[float, float], Floats, float]:
-    """The line through the `good` blocks but for a few far from it: variance of the dark and slope,
-    their covariance, and chi squared. Raises CalibrationError where too many are far."""
+    """The line through the `good` blocks, outliers left out: variance of the dark and slope, their
+    covariance, and chi squared. Raises CalibrationError where there are too many outliers."""
     columns = np.stack([np.ones_like(mean), mean], axis=1)
     free, asked = np.maximum(samples - 1.0, 1.0), int(good.sum())
     for _ in range(2):
@@ -247,7 +251,7 @@ def _line(
 
 
 def _refuse(plane: str, dark: _Pair, lit: tuple[_Pair, ...], used: NDArray[np.bool_]) -> None:
-    """Raise CalibrationError where pairs cannot tell a gain."""
+    """Raise CalibrationError where a gain cannot be measured from these pairs."""
     parts = sum(pair.samples.size for pair in lit)
     if parts < _LEAST_BLOCKS:
         raise CalibrationError(

@@ -20,7 +20,7 @@ from pdcd.panels.map import Map
 _CELLS = 32
 """Cells of the bar: a cycle of half a second at 60 Hz."""
 _CORE = 0.2
-"""Left out of a cell on either side."""
+"""Share of a cell that is left out on either side."""
 _FAINTEST_SIGMAS = 20.0
 """White over noise of a cell, at least."""
 
@@ -30,9 +30,9 @@ class BarLight:
     """Light of n cells over that of the projector's white, in B bands of the camera's rows.
 
     value, sigma : (B, n). bands : (B,) middle of each, 0 at the frame's top, 1 at its bottom.
-    room : (B, n) what comes beside the projector's white for as long as the shutter is open, over
-        that white: it is not the same everywhere, for that white falls off to the corners. (1, 1)
-        of 0 where nobody looked.
+    room : (B, n) light other than the projector's white while the shutter is open, over that white.
+        It varies over the picture, because that white falls off to the corners. (1, 1) of 0 where
+        it was not measured.
     """
 
     value: Floats
@@ -69,10 +69,11 @@ def read_bar(
 ) -> BarLight:
     """How bright the cells are, over a photo in which all of the field was white.
 
-    photo, white : of one size, that of the camera's map. room : as white, but with a black
-    projector. bands : of the camera's rows, equally high
-    between the first and the last that see the bar; one where not all cells are seen in each of
-    them, as by a camera that is turned by a quarter.
+    photo, white : of one size, that of the camera's map.
+    room : as white, but with a black projector.
+    bands : of the camera's rows, equally high, between the first and the last that see the bar.
+        There is a single one where some band does not see all cells, as with a camera turned by a
+        quarter.
 
     Raises CalibrationError: no light, clipped, cells that are not seen.
     """
@@ -118,7 +119,7 @@ def _over_white(
     """Light of each cell (cells,) over that of the projector's white, its standard deviation, and
     the room's light over the same.
 
-    photos : the bar, white, and the room's light where it was looked at. cell : number of the cell
+    photos : the bar, white, and the room's light where it was measured. cell : number of the cell
         of each quad that is `used`. Raises CalibrationError: too dark.
     """
     sums = []

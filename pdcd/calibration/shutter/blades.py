@@ -1,14 +1,14 @@
-"""When the shutter really opened and closed: a bar that runs over the card, a cell each refresh.
+"""When the shutter really opened and closed: a bar moves over the card by one cell each refresh.
 
 Cell c is lit at refreshes c, c + n, c + 2n, ...; the mask is open. A cell that was lit while the
-shutter moved has a part of a pulse. With ``G(t)`` what a pulse has given until t,
+shutter moved has only a part of a pulse. With ``G(t)`` the light that a pulse has given until t,
 
     light of a cell = scale * {sum over its pulses of [G(closed - start) - G(opened - start)]
                                + room * (closed - opened)} + stray
 
-with ``room`` the light beside the projector's there, over its white. Both times follow from the two
-cells, or few, in which they fall. They are on the clock of the frame log; a delay that all light of
-the projector has is part of them.
+where ``room`` is light other than the projector's there, over its white. Each time follows from the
+few cells in which it falls. They are on the clock of the frame log; a delay that all light of the
+projector has is part of them.
 """
 
 from __future__ import annotations
@@ -26,22 +26,23 @@ from pdcd.errors import CalibrationError
 from pdcd.panels.frames import FrameLog
 
 _REACH_S = 0.3
-"""How far the times of a shutter may be off those that are expected."""
+"""Largest difference of a shutter's times from the expected ones."""
 _CHI2 = 3.0
 """Largest reduced chi^2 that is believed."""
 _FLAT = 5e-4
-"""Relative error of a cell beside noise: of the flat field, and of a pulse."""
+"""Relative error of a cell in addition to noise: of the flat field, and of a pulse."""
 _STEPS_A_REFRESH = 3
-"""Of the coarse search."""
+"""Steps of the coarse search per refresh."""
 _EVENNESS = 0.03
-"""A bar whose cells differ by less than this, over their mean, did not run: it had 30 pulses."""
+"""Cells of a bar that did not run differ by less than this, over their mean: each had 30 pulses."""
 _APART = 4.0
-"""Cells, at least, between that in which the shutter opened and that in which it closed."""
+"""Cells, at least, between the one in which the shutter opened and the one in which it closed."""
 _SHORTEST_S = 1e-7
 _PLACES = (np.arange(8) + 0.5) / 8 - 0.5
-"""Rows of a band that are looked at, in bands from its middle."""
+"""Rows of a band that are modelled, in bands from its middle."""
 _ROUNDS = 2
-"""In which rows of a band are taken apart, by what the round before found of all bands."""
+"""Rounds that model the rows of a band separately, by the travel over the bands of the round
+before."""
 _TAU_STEP = 0.01
 
 
@@ -49,8 +50,9 @@ _TAU_STEP = 0.01
 class ShutterTimes:
     """One exposure, in s on the clock of the log; sigma is one standard deviation.
 
-    chi2 : reduced, the worst of all bands. bands : (B,) middle of each band of the camera's rows,
-    0 to 1. by_band : (B, 2) opened and closed; a focal-plane shutter's blades take their time.
+    chi2 : reduced, the worst of all bands. bands : (B,) middle of each band of the camera's rows, 0
+        to 1. by_band : (B, 2) opened and closed; a focal-plane shutter's blades need time to
+        travel.
     """
 
     opened_s: float
@@ -63,8 +65,8 @@ class ShutterTimes:
 
     @property
     def travel_s(self) -> tuple[float, float]:
-        """How much later the last row opened, and closed, than the first: straight lines through
-        the bands."""
+        """How much later the last row opened, and closed, than the first: slopes of straight lines
+        through the bands."""
         if self.bands.size < 2:
             return 0.0, 0.0
         opened, closed = np.polyfit(self.bands, self.by_band, 1)[0]
@@ -73,8 +75,8 @@ class ShutterTimes:
 
 @dataclass(frozen=True)
 class ShutterLag:
-    """Of several exposures: mean time from the command to the light, its standard error, and
-    the scatter from one exposure to the next, that of the measurement taken out; in s."""
+    """For several exposures: mean time from the command to the light, its standard error, and the
+    scatter from one exposure to the next without that of the measurement; in s."""
 
     lag_s: float
     sigma_s: float
@@ -109,7 +111,8 @@ def fit_shutter(
         start = _coarse(pulses, band, about_s, taus_s)
         opened[number], sigma[number], chi2[number] = _fine(pulses, band, start, taus_s)
     for _ in range(_ROUNDS if len(bands) > 1 else 0):
-        # A projector that is set row by row, and blades, reach the rows of a band one by one.
+        # A projector that is set row by row, and blades, reach the rows of a band one after the
+        # other.
         rows_s = np.outer(_PLACES, np.polyfit(np.arange(len(bands)), opened, 1)[0])
         for number, band in enumerate(bands):
             bands[number] = replace(band, rows_s=rows_s)
@@ -162,8 +165,8 @@ def estimate_shutter_lag(
 class _Band:
     """One band of the camera's rows.
 
-    value, errors, room : (n,) of its cells. rows_s : (rows, 2) by how much later its rows see the
-    shutter open, and close, than the middle one.
+    value, errors, room : (n,) of its cells. rows_s : (rows, 2) how much later than the middle row
+        its rows see the shutter open, and close.
     """
 
     value: Floats
@@ -196,7 +199,7 @@ class _Pulses:
         return cls(start_s, long_s, shown[lit] % cells, cells)
 
     def given(self, at_s: Floats, taus_s: tuple[float, float]) -> Floats:
-        """Seconds of light that each cell has given until some times, (times, cells)."""
+        """Seconds of light that each cell has given until each of some times, (times, cells)."""
         r, f = (max(tau, _SHORTEST_S) for tau in taus_s)
         since = np.asarray(at_s)[:, None] - self.start_s
         up = np.clip(since, 0.0, self.long_s)
@@ -269,15 +272,16 @@ def _check_runs(light: BarLight) -> None:
 
 
 def choose_bar_cells(exposure_s: float, refresh_s: float, cells: tuple[int, int] = (24, 40)) -> int:
-    """How many cells a bar should have for an exposure: its cycle is then far from any whole part
-    of the exposure, so that opening and closing fall into different cells."""
+    """How many cells a bar should have for an exposure: its cycle is then far from any whole
+    fraction of the exposure, so that opening and closing fall into different cells."""
     counts = np.arange(cells[0], cells[1] + 1)
     rest = exposure_s / refresh_s % counts
     return int(counts[np.argmax(np.minimum(rest, counts - rest))])
 
 
 def _check_apart(opened: Floats, pulses: _Pulses) -> None:
-    """Refuse exposures that opened and closed in the same cells: one time trades with the other."""
+    """Raise CalibrationError for exposures that opened and closed in the same cells, where an error
+    of one time hides that of the other."""
     refresh = float(np.median(pulses.long_s))
     rest = (opened[:, 1] - opened[:, 0]) / refresh % pulses.cells
     if (np.minimum(rest, pulses.cells - rest) < _APART).any():

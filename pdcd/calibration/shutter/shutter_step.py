@@ -34,8 +34,8 @@ from pdcd.panels.frames import BLACK, WHITE
 
 _PHOTOS = 5
 _CELLS = (24, 29), (35, 40)
-"""Cells of the bar, in turns: a shutter that is a whole cycle later than was thought looks the same
-in one of them, but not in both."""
+"""Cells of the bar, alternating: a shutter that is a whole cycle later than believed looks right
+with one of them, but not with both."""
 _EXPOSED_S = 0.75
 """Exposure of a photo, about: a cycle and a half of the bar."""
 _LEAST_OPEN_S = 0.2
@@ -48,15 +48,15 @@ _UNSURE = 0.3
 """Relative error of rise and fall of the projector where they were not measured."""
 _LAG_LIMIT_S = 0.3e-3
 _APART = 3.0
-"""Standard errors by which opening and closing differ, or they are one; and by which rows do."""
+"""Standard errors by which opening and closing must differ to count as two lags; also for rows."""
 
 
 @dataclass
 class _Times:
-    """What was found of all exposures, on the clock of the log, in s: (opened, closed) each.
+    """Results of all exposures, on the clock of the log, in s: (opened, closed) each.
 
-    told : when the shutter was told to. rows : first and last row of the field, 0 to 1 over the
-        camera's.
+    rows : first and last row of the field, 0 to 1 over the camera's. told : when the shutter was
+        commanded.
     """
 
     rows: tuple[float, float]
@@ -64,7 +64,7 @@ class _Times:
     found: list[ShutterTimes] = field(default_factory=list)
 
     def lag(self, sides: tuple[int, ...]) -> ShutterLag:
-        """Lag of opening (0), of closing (1), or of both, in the row that has it last."""
+        """Lag of opening (0), of closing (1), or of both, in the row where it is longest."""
         rows = [
             (when[side], told[side], sigma[side])
             for told, one in zip(self.told, self.found, strict=True)
@@ -78,11 +78,12 @@ class _Times:
 
     @property
     def _last_row_s(self) -> float:
-        """How much longer the lag of the last row is than that of the middle one.
+        """How much longer the longest lag of any row is than that of the middle row.
 
-        Of a projector that is set row by row the first row has all of the shutter's lag, for its
-        light comes when the log says; the others' light comes later, so that they seem to have
-        less. Of blades that travel it is the row that they reach last.
+        With a projector that is set row by row, the first row has all of the shutter's lag, because
+        its light comes when the log says; light of the other rows comes later, so that their lag
+        seems shorter. With blades that travel, it is the row that they reach last. Zero where the
+        rows do not clearly differ.
         """
         travels = np.array([one.travel_s for one in self.found]).ravel()
         travel_s = float(travels.mean())
@@ -92,7 +93,8 @@ class _Times:
         return max(travel_s * (row - 0.5) for row in self.rows)
 
     def check(self, cells: list[int], refresh_s: float) -> None:
-        """Refuse lags that depend on the bar's cycle: they are off by one. cells : of each."""
+        """Raise CalibrationError where lags depend on the number of cells: they are then wrong by a
+        cycle. cells : of each exposure."""
         late = np.array([one.opened_s for one in self.found]) - np.array(self.told)[:, 0]
         short = np.array(cells) == min(cells)
         apart_s = abs(float(late[short].mean() - late[~short].mean()))
@@ -105,18 +107,17 @@ class _Times:
 
     @property
     def sigma_s(self) -> float:
-        """Of one time, the worst."""
+        """Standard deviation of one time, the largest."""
         return max(max(one.opened_sigma_s, one.closed_sigma_s) for one in self.found)
 
 
 def calibrate_shutter(session: CalibrationSession) -> StepScript:
-    """White, the same with a black projector, and five exposures that begin and end while a bar
-    runs: seven photos.
+    """White, white with a black projector, and five exposures that begin and end while a bar runs:
+    seven photos.
 
-    The lag counts from when the driver says that it gave its order, as ``trigger.lag_s`` does, to
-    the row that follows it last.
-    Raises CalibrationError as `read_bar` and `fit_shutter` do, and for a lag that is not at all as
-    configured.
+    The lag counts from when the driver says that it gave its command, as ``trigger.lag_s`` does, to
+    the row that responds last. Raises CalibrationError as `read_bar` and `fit_shutter` do, and for
+    a lag that is far from the configured one.
     """
     projector, camera = session.found("projector"), session.found("camera")
     window = find_shared_window(session.found("mask"), camera)
@@ -169,7 +170,7 @@ def _told_s(taken: CalibrationPhoto, sure_s: float) -> tuple[float, float]:
 
 
 def _tau_sigma(session: CalibrationSession) -> float:
-    """How well rise and fall of the projector are known, relative."""
+    """Relative standard deviation of the projector's rise and fall, the larger one."""
     taus, sigmas = (session.arrays.get(f"timing.{name}") for name in ("taus_s", "taus_sigma_s"))
     if taus is None or sigmas is None:
         return _UNSURE
@@ -177,7 +178,7 @@ def _tau_sigma(session: CalibrationSession) -> float:
 
 
 def _outcome(session: CalibrationSession, times: _Times, light: BarLight | None) -> StepOutcome:
-    """Both lags as one where they are one; the later one where they are not."""
+    """Both lags as one where they do not differ; the longer one where they do."""
     opening, closing, both = times.lag((0,)), times.lag((1,)), times.lag((0, 1))
     advice = []
     apart_s = abs(opening.lag_s - closing.lag_s)

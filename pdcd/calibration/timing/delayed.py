@@ -1,7 +1,7 @@
 """Photos in which the mask is sent its pictures some refreshes earlier or later than planned.
 
-The display takes a whole delay out once it is configured; a calibration has to photograph before
-that. So the photo's own rows are moved against each other, and the log is read as if the display
+The display compensates a whole delay once it is configured; a calibration has to take photos before
+that. So the photo's own rows are shifted against each other, and the log is read as if the display
 had done it.
 """
 
@@ -20,7 +20,7 @@ _Rows = NDArray[np.int32]
 
 
 def shift_mask(shown: PanelSequence, rows: int, trail: int = 0) -> PanelSequence:
-    """The photo with the mask `rows` refreshes later (negative: earlier) than it was, and `trail`
+    """The photo with the mask `rows` refreshes later (negative: earlier) than planned, and `trail`
     black refreshes at its end."""
     first, second = _leads(rows)
     longest = shown.refreshes + abs(rows) + trail
@@ -38,8 +38,7 @@ def shift_mask(shown: PanelSequence, rows: int, trail: int = 0) -> PanelSequence
 
 
 def undo_mask_shift(ran: PhotoLog, rows: int, refreshes: int) -> PhotoLog:
-    """What the display did in such a photo, told in the rows of the photo as it was planned:
-    `refreshes` of them."""
+    """The log of such a photo, in terms of the photo as planned, which has `refreshes` rows."""
     first, second = _leads(rows)
     log = ran.log
 

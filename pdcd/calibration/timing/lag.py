@@ -1,14 +1,13 @@
 """When light really comes: lag of the mask by rows, rise and fall of both panels.
 
-Photos of strips (`timing.programmes`), read band by band (`timing.strips`), are
-fitted by pulses in closed form. Three rounds: the second and third take in what the fit so far
-says of beginning and end of the exposures, of the lag's slope within a band, and of how far strips
-are off beside their noise.
+Photos of strips (`timing.programmes`), read band by band (`timing.strips`), are fitted by pulses in
+closed form. There are three rounds: the second and third take from the fit so far how exposures
+begin and end, the lag's slope within a band, and the strips' errors in addition to noise.
 
-Only differences show: a delay that both panels share moves nothing, and of two panels that are set
-row by row only the mask's time minus the projector's at the same place is found. The weakest
-direction is a later mask against a slower projector, (0.62, 0.55, 0.55) of lag, rise and fall; what
-a schedule lets through hardly depends on it.
+Only differences show: a delay that both panels share changes nothing, and of two panels that are
+set row by row only the mask's time minus the projector's at the same place is found. The least
+certain direction is a later mask against a slower projector, (0.62, 0.55, 0.55) of lag, rise and
+fall; the light that a schedule lets through hardly depends on it.
 """
 
 from __future__ import annotations
@@ -43,30 +42,30 @@ _ROUNDS = 3
 _CHI2 = 2.0
 """Largest reduced chi^2 of a fit that is good."""
 _MENDS = 0.7
-"""Share of chi^2 that a second answer must leave at most, to be one."""
+"""Largest share of chi^2 that a second response may leave to be accepted."""
 _STEEP_S = 2e-4
-"""Slope of the lag over a band from which on it is looked at within bands, too."""
+"""Change of the lag over a band from which it is also modelled within bands."""
 _LAG_LIMIT_S = 0.15e-3
 _TAU_LIMIT = 0.06
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredTiming:
-    """What was found. All times in s; sigma is one standard deviation.
+    """The result. All times in s; sigma is one standard deviation.
 
     bands : (B,) middle of each band on the field, y from 0 to 1.
-    lag_s, lag_sigma_s : (B,) the mask's light behind the projector's, of what the frame log does
-        not say; positive: the mask comes later. In the middle of the rows.
-    across_s : what is added to it from x = 0 to x = 1.
-    line_s : lag at y = 0, and what is added until y = 1. line_covariance : (2, 2).
+    lag_s, lag_sigma_s : (B,) delay of the mask's light behind the projector's, in addition to what
+        the frame log says, in the middle of the rows; positive: the mask comes later.
+    across_s : growth of the lag from x = 0 to x = 1.
+    line_s : lag at y = 0, and its growth to y = 1. line_covariance : (2, 2).
     taus_s, taus_sigma_s : (4,) rise and fall of the projector, then of the mask.
-    leaks : (2,) what falls on the mask beside the projector's white (leak and ambient light) and
-        beside what a photo of it said of each place, and what the mask's black lets through, over
-        white. room : of each place what that photo said, the median.
-    tail : a second, slower answer of one panel, where one was needed.
-    chi2 : reduced, of the whole fit. causes : what may be why, where it is too large.
-    light : (photos, B, K) what was found makes of the strips.
-    apart_s : how much later the mask was sent its rows, as the log has it.
+    leaks : (2,) over white: light on the mask other than the projector's white (leak and ambient
+        light), in addition to what the room's photo showed at each place; and what the mask's black
+        lets through. room : what that photo showed, median over the places.
+    tail : a second, slower response of one panel, where one was needed.
+    chi2 : reduced, of the whole fit. causes : possible reasons, where it is too large.
+    light : (photos, B, K) light of the strips by the fit.
+    apart_s : how much later the mask was sent its rows, according to the log.
     """
 
     bands: Floats
@@ -89,14 +88,14 @@ class MeasuredTiming:
 
     @property
     def beside_s(self) -> float:
-        """How far the lag of a band lies from the line through all, the worst."""
+        """Largest distance of a band's lag from the line through all."""
         line = self.line_s[0] + self.line_s[1] * self.bands
         return float(np.abs(self.lag_s - line).max())
 
     @property
     def noise_over_limit(self) -> float:
-        """How unsure the time is that is least sure, over what is good; 0 where strips are off by
-        more than their noise, which more of them would not mend."""
+        """Standard deviation of the least certain time, over the limit of a good one; 0 where
+        strips have errors beyond their noise, which more photos would not reduce."""
         if self.tail is not None or self.chi2 > _CHI2:
             return 0.0
         taus = (self.taus_sigma_s / (_TAU_LIMIT * self.taus_s)).max()
@@ -105,17 +104,17 @@ class MeasuredTiming:
     @property
     def delay_refreshes(self) -> int:
         """What to add to ``display.mask_delay_refreshes`` so that less than half a refresh of lag
-        is left in the middle of the field."""
+        remains in the middle of the field."""
         middle = self.line_s[0] + 0.5 * self.line_s[1]
         return -round((self.apart_s + middle) / self.refresh_s)
 
     def kept(self, schedule: ScheduleName, late_s: float) -> CodeSeparation:
-        """What a schedule lets through at a lag, that of the log included."""
+        """What a schedule lets through at a lag `late_s`, which includes that of the log."""
         return compute_code_separation(schedule, *self.answers, late_s, self.refresh_s)
 
     def panel_words(self, mask: Map) -> tuple[float, float]:
-        """``skew_s`` and ``scan_s`` of [mask] in the configuration's words, all of it put down to
-        the mask: delay of the row that comes first, and time from its first row to its last.
+        """``skew_s`` and ``scan_s`` of [mask] in the configuration, the whole lag attributed to the
+        mask: delay of the row that comes first, and time from its first row to its last.
 
         mask : its map; on a mask that is mounted upside down the lag grows the other way.
         """
@@ -125,8 +124,8 @@ class MeasuredTiming:
         return min(first, last), last - first
 
     def figures(self) -> list[MeasuredFigure]:
-        """The figures of the fit, with limits and verdicts; a lag of more than half a refresh is no
-        fault, for it is taken out."""
+        """The figures of the fit, with limits and verdicts. A lag of more than half a refresh is no
+        fault, because it is compensated."""
         found = []
         for name, value, sigma in zip(TAUS, self.taus_s, self.taus_sigma_s, strict=True):
             good = sigma < _TAU_LIMIT * value
@@ -162,15 +161,15 @@ class MeasuredTiming:
 def fit_timing(
     readings: Sequence[StripReadings], ran: Sequence[PhotoLog], refresh_s: float
 ) -> MeasuredTiming:
-    """Times of both panels, out of one photo or more.
+    """Times of both panels, from one photo or more.
 
     Parameters
     ----------
     readings : of each photo, of the same bands. ran : what the display did in each.
     refresh_s : of both panels.
 
-    Raises CalibrationError: room light, panels that do not answer as first-order
-    panels do, or nothing that pulses.
+    Raises CalibrationError: room light, panels that do not respond as first-order panels do, or
+    strips that do not pulse.
     """
     check_reference_strips(readings)
     model, found = _fitted(readings, ran, refresh_s)
@@ -188,7 +187,7 @@ def find_coarse_delay(reading: StripReadings) -> int:
     """What to add to ``display.mask_delay_refreshes``, from a photo of the programmes `COARSE`:
     whole refreshes, for a mask that is up to 12 of them early or late.
 
-    Raises CalibrationError where light gets through at no delay, or at all.
+    Raises CalibrationError where hardly any light gets through at any delay.
     """
     if set(reading.programmes) != set(COARSE):
         raise ValueError("not the coarse programmes")
@@ -204,7 +203,7 @@ def find_coarse_delay(reading: StripReadings) -> int:
             device="display",
             hint="both panels must be 1:1, and show what they are sent at every refresh",
         )
-    # The pulse that gets through best, and its neighbours: the triangle's centre.
+    # Centre of the triangle of the pulse that gets through best and its neighbours.
     angle = 2.0j * np.pi * (delays - delays[best]) / delays.size
     near = np.abs((delays - delays[best] + 12) % 24 - 12) <= 2
     shift = np.angle(np.sum(net[near] * np.exp(angle[near]))) * delays.size / (2.0 * np.pi)
@@ -224,7 +223,7 @@ def _fitted(
 
 
 def _again(model: StripModel, found: FittedTiming) -> FittedTiming:
-    """Another round, that knows the last one's times."""
+    """Another round, which uses the times of the last one."""
     _, slope = _line(model, found)[0]
     model.slope_s = slope if abs(slope) * model.height > _STEEP_S else 0.0
     model.correct(found.times)
@@ -232,7 +231,8 @@ def _again(model: StripModel, found: FittedTiming) -> FittedTiming:
 
 
 def _with_tail(model: StripModel, found: FittedTiming) -> tuple[StripModel, FittedTiming]:
-    """The better of both panels having a second answer; `found` where that does not mend it."""
+    """The better of the fits with a second response of either panel; `found` where neither improves
+    it enough."""
     best = found
     for mask in (True, False):
         fitted = TimingFitter(model, found.floors).solve(found.times, tail=mask)
@@ -246,7 +246,7 @@ def _with_tail(model: StripModel, found: FittedTiming) -> tuple[StripModel, Fitt
 
 
 def _line(model: StripModel, found: FittedTiming) -> tuple[tuple[float, float], Floats]:
-    """`fit_lag_line`, of a fit."""
+    """`fit_lag_line` for a fit."""
     bands = model.readings[0].bands
     part = slice(COMMON_PARAMETERS, COMMON_PARAMETERS + bands.size)
     covariance = found.covariance[part, part] * model.refresh_s**2
@@ -262,8 +262,9 @@ def fit_lag_line(
     """
     if bands.size == 1:
         return (float(lags_s[0]), 0.0), np.diag([float(covariance[0, 0]), 0.0])
-    # All bands count alike. Weights by the covariance would put the line outside of all lags where
-    # these share most of their error (times that trade with the lag) and lie on no straight line.
+    # All bands have equal weight. With weights by the covariance the line could lie outside of all
+    # lags where these share most of their error (times that trade off against the lag) and are not
+    # on a straight line.
     design = np.stack([np.ones(bands.size), bands], axis=1)
     solve = np.linalg.pinv(design)
     line, spread = solve @ lags_s, solve @ covariance @ solve.T

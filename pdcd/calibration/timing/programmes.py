@@ -1,8 +1,8 @@
-"""What both panels show so that one photo holds all their times: pulses side by side.
+"""What both panels show so that one photo contains all their times: pulses side by side.
 
-A *programme* lets both panels pulse in a rhythm of a few refreshes, each in its own. The card is
-divided into vertical strips, each with a programme of its own, and some that stay white, black,
-lit or open.
+A *programme* makes both panels pulse in a rhythm of a few refreshes, each in its own. The card is
+divided into vertical strips, each with a programme of its own; some of them stay white, black, lit
+or open.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _FEWEST_PX = 5
 
 @dataclass(frozen=True)
 class Programme:
-    """What both panels are asked for, again and again.
+    """What both panels are asked for, over and over.
 
     lit, opened : of projector and mask, a "1" for each refresh of white and a "0" for each of
         black, equally many.
@@ -41,7 +41,7 @@ class Programme:
 
     @property
     def of(self) -> int:
-        """Refreshes after which it begins anew."""
+        """Refreshes after which it repeats."""
         return len(self.lit)
 
     @property
@@ -59,7 +59,8 @@ class Programme:
 def _pulse(lit: int, opened: int, delay: int = 0, of: int = 6) -> Programme:
     """One pulse of either panel, `lit` and `opened` refreshes long.
 
-    delay : refreshes by which the mask's begins later than the projector's; negative: earlier.
+    delay : refreshes by which the mask's pulse begins later than the projector's; negative:
+        earlier.
     """
     at = np.arange(of) - of // 2
     sides = (at % of < lit, (at - delay) % of < opened)
@@ -75,8 +76,8 @@ PULSES = {
     for lit, opened in ((1, 1), (2, 1), (1, 2))
     for delay in range(-3, 3)
 }
-"""Short pulses, by the refreshes that projector and mask are white and by the delay of the mask: it
-finds the projector's at any delay of up to three refreshes."""
+"""Short pulses, by the refreshes for which projector and mask are white and by the mask's delay:
+the mask's pulse meets the projector's at any delay of up to three refreshes."""
 _TRAINS = tuple(
     Programme(lit, opened)
     for lit, masks in (
@@ -89,23 +90,23 @@ _TRAINS = tuple(
     )
     for opened in masks
 )
-"""Trains of pulses, between which panels hardly settle: chosen from all of six refreshes, one by
-one, so that photon noise leaves least of rise, fall and lag of 40 random benches open once `PULSES`
-were shown. Of others it leaves two thirds of what as many `PULSES` do. Those that count most come
-several times, and so meet several places of the card. Of a panel that is not quite exponential
-pulses say more, after which it is long dark."""
+"""Trains of pulses, between which panels hardly settle. They were chosen one by one from all trains
+of six refreshes, so that photon noise leaves the least uncertainty of rise, fall and lag of 40
+random benches once `PULSES` were shown: two thirds of what as many `PULSES` again would leave. The
+most useful ones come several times, at several places of the card. For a panel that is not quite
+exponential, pulses followed by a long dark time say more."""
 _REFERENCES = (WHITES, BLACKS, WHITES, BLACKS, _LIT, _OPENED)
 SETS = ((*PULSES, *_REFERENCES), (*_TRAINS, *_REFERENCES))
-"""What the strips show, in one photo and in the next, in turn."""
+"""What the strips show in alternating photos."""
 COARSE = {_pulse(2, 2, delay, 24): delay for delay in range(-12, 12)}
-"""For a mask that may be many refreshes late, by the delay of the mask: where light gets through,
-the delay is made good."""
+"""For a mask that may be many refreshes late, by the mask's delay: light gets through where that
+delay compensates it."""
 
 
 def expand_programmes(
     programmes: Sequence[Programme],
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Whether projector and mask are asked for white, (K, refreshes) of programmes of equal
+    """Whether projector and mask are asked for white, (K, refreshes), by programmes of equal
     length."""
     lit, opened = (np.stack([p.on[side] for p in programmes]) for side in (0, 1))
     return lit, opened
@@ -113,9 +114,10 @@ def expand_programmes(
 
 @dataclass(frozen=True)
 class PulseStrips:
-    """Vertical strips of the field, equally wide, with a programme each, from left to right.
+    """Vertical strips of the field, equally wide, each with a programme, from left to right.
 
-    inset : by how much of a strip's width the mask's ends before the projector's, either side.
+    inset : how far a strip of the mask ends inside that of the projector, on either side, over the
+        strip's width.
     window : the part of the field that they fill.
     """
 
@@ -129,8 +131,8 @@ class PulseStrips:
         return len(self.programmes)
 
     def number(self, x: Floats, inset: float = 0.0) -> NDArray[np.int32]:
-        """Strip that each x of the field lies in; -1 beside them, in the `inset` of a strip, and
-        for NaN."""
+        """The strip in which each x of the field lies; -1 outside of them, in the `inset` of a
+        strip, and for NaN."""
         with np.errstate(invalid="ignore"):
             place = self.window.across(x) * self.count
             part = place - np.floor(place)
@@ -146,7 +148,7 @@ def make_pulse_strips(
 ) -> PulseStrips:
     """Strips of one photo; every photo has the programmes in another order.
 
-    programmes : for None those of `SETS` whose turn it is. window : the part of the field to fill.
+    programmes : None takes those of `SETS` in turn. window : the part of the field to fill.
 
     Raises CalibrationError when the projector has too few pixels for them.
     """
@@ -172,7 +174,7 @@ def make_strip_sequence(
     white: bool,
     periods: int = _PERIODS,
 ) -> PanelSequence:
-    """One photo of the strips, or with `white` the one that it is divided by.
+    """One photo of the strips, or with `white` the one by which it is divided.
 
     projector, mask : where the panels' pixels lie. Both photos last equally long.
     """
@@ -191,5 +193,6 @@ def make_strip_sequence(
 
 
 def make_room_sequence(white: PanelSequence) -> PanelSequence:
-    """The same with a black projector: what falls on the mask beside its white."""
+    """The white photo with a black projector: it shows light on the mask other than the projector's
+    white."""
     return replace(white, name="room", projector_index=np.full_like(white.projector_index, BLACK))

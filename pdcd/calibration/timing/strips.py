@@ -15,36 +15,39 @@ from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 
 _USED = 0.25
-"""Left out of a strip on either side: blur and maps that are not exact reach less far."""
+"""Share of a strip that is left out on either side: blur and errors of maps do not reach so far."""
 FEWEST_QUADS = 16
 """Quads of a strip in a band, at least."""
 _DARK = 0.1
-"""A strip whose white is darker than this, over the median of all, is not on the card."""
+"""Light of a strip in the white photo, over the median of all, below which it is not on the
+card."""
 _GAP = 0.5
-"""Gaps between strips that are brighter than this, over the strips, are none."""
+"""Light of gaps between strips, over that of the strips, above which they are no gaps."""
 CLIPPED = 0.01
-"""Share of clipped quads that is too large."""
+"""Largest share of clipped quads."""
 _MOST_BESIDE = 0.5
-"""Light without the projector's white, over all light, that is believed of a strip."""
+"""Largest light without the projector's white, over all light of a strip, that is believed."""
 _UNSEEN = 10.0
-"""Light of the room, over its noise in a strip of a band, that is taken to be the same all over."""
+"""A uniform light of so many times its noise is added to the room's light, so that where there is
+hardly any it counts as the same everywhere."""
 _FAINTEST_SIGMAS = 20.0
-"""White over its noise, in a strip of a band: with less, no time is known to 0.15 ms."""
+"""Least white over its noise, in a strip of a band: with less, no time is known to 0.15 ms."""
 
 
 @dataclass(frozen=True, eq=False)
 class StripReadings:
     """Light of K programmes in B bands over that of white.
 
-    value, sigma : (B, K); sigma is that of the noise alone.
+    value, sigma : (B, K); sigma is of noise alone.
     bands : (B,) middle of each band on the field, y from 0 to 1. height : of a band.
     programmes : (K,) of both panels.
-    x : (K,) middle of each strip, less that of the field, x from 0 to 1; 0 of the whole field.
-    room : (B, K) what falls on the mask there beside the projector's white, over that white: the
-        room's light and what a black projector lets out. The projector's white falls off to the
-        corners, and the room's light does not. (1, 1) of 0 where nobody looked.
-    past : (B, K) how light that comes past the mask goes over the field, over the same white: as
-        the room's does. Its mean is 1. (1, 1) where nobody looked.
+    x : (K,) middle of each strip, less that of the field, x from 0 to 1; 0 for the whole field.
+    room : (B, K) light on the mask other than the projector's white, over that white: the room's
+        light and the leak of a black projector. The projector's white falls off to the corners, and
+        the room's light does not. (1, 1) of 0 where it was not measured.
+    past : (B, K) distribution over the field of light that bypasses the mask, over the same white;
+        assumed to be that of the room's light. Its mean is 1. (1, 1) where it was not measured.
+    off : (B, K) mean position of a strip's light in its band, y less the band's middle.
     """
 
     value: Floats
@@ -74,7 +77,7 @@ def read_strips(
     ----------
     photo, white : of equal exposure and size, that of the camera's map.
     bands : of rows of the field, equally high.
-    gaps : whether the white photo has dark gaps between its strips, which are then looked at.
+    gaps : whether the white photo has dark gaps between its strips, which are then checked.
     room : the white photo again with a black projector (`make_room_sequence`).
 
     Raises CalibrationError: no light, clipped, part of the field not covered, strips not where the
@@ -99,7 +102,8 @@ def read_strips(
     if room is not None:
         share, noise, seen = _beside(_sums(room, cell, size), full)
         on_mask, past = (share / (1.0 - share)).reshape(shape), (seen / seen.mean()).reshape(shape)
-        # Of the room's photo a strip has what its mask is open for, less what it is divided by.
+        # A strip has the room's light while its mask is open, less its share of the white it is
+        # divided by.
         opened = np.tile([np.mean(p.on[1]) for p in strips.programmes], bands)
         sigma = np.hypot(sigma, np.abs(opened - value) * noise)
     height = (strips.window.bottom - strips.window.top) / bands
@@ -122,8 +126,8 @@ def read_strips(
 def _banded(
     camera: Map, strips: PulseStrips, bands: int
 ) -> tuple[Floats, Floats, NDArray[np.int32]]:
-    """Of each quad x on the field, y from top to bottom of the strips, and the band that it lies
-    in, -1 beside them; (rows, cols) each."""
+    """For each quad: x on the field, y from top to bottom of the strips, and the band in which it
+    lies, -1 outside of them; (rows, cols) each."""
     centres = camera.centres()
     y = strips.window.down(centres[..., 1])
     with np.errstate(invalid="ignore"):
@@ -133,16 +137,16 @@ def _banded(
 
 
 def _beside(room: tuple[Floats, Floats], full: Floats) -> tuple[Floats, Floats, Floats]:
-    """Light beside the projector's white over all light, its noise, and how it goes over the field,
-    (size,) each: where there is hardly any, nobody sees how it goes."""
+    """Light other than the projector's white over all light, its noise, and its distribution over
+    the field, (size,) each: where there is hardly any, that is taken as uniform."""
     noise = np.sqrt(room[1]) / full
     share = np.minimum(room[0] / full, _MOST_BESIDE)
     return share, noise, np.maximum(share, 0.0) + _UNSEEN * noise
 
 
 def _sums(taken: QuadPhoto, cell: NDArray[np.int32], size: int) -> tuple[Floats, Floats]:
-    """Light of all quads of each cell and its variance, (size,) each; clipped ones count too, for
-    there are few."""
+    """Light of all quads of each cell and its variance, (size,) each; clipped quads are included,
+    because there are few."""
     used = cell >= 0
     light = taken.light[used] @ taken.shares
     var = taken.variance[used] @ taken.shares**2
@@ -163,7 +167,8 @@ def _check_clipped(photos: Sequence[QuadPhoto], used: NDArray[np.bool_]) -> None
 
 
 def _check_white(full: Floats, var: Floats, quads: NDArray[np.int64], across: int) -> None:
-    """Refuse a white photo without light, or one that does not show all of the field."""
+    """Raise CalibrationError for a white photo without light, or one that does not show all of the
+    field."""
     seen = quads >= FEWEST_QUADS
     if not seen.any():
         raise CalibrationError(
@@ -196,7 +201,8 @@ def _check_gaps(
     inside: NDArray[np.bool_],
     strips: PulseStrips,
 ) -> None:
-    """Refuse a white photo whose strips do not end where those of the mask do."""
+    """Raise CalibrationError where strips of the white photo do not end where those of the mask
+    do."""
     width, field_x, x = strips.count, x, strips.window.across(x)
     with np.errstate(invalid="ignore"):
         away = np.abs(x * width - np.rint(x * width)) / strips.inset  # from the nearest edge

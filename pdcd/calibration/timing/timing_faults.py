@@ -1,4 +1,4 @@
-"""What can be wrong with photos of strips, each by its name, the likeliest first."""
+"""What can be wrong with photos of strips: each check names the cause, the likeliest first."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from pdcd.calibration.timing.timing_model import TAUS
 from pdcd.errors import CalibrationError
 
 _MOST_CHI2 = 20.0
-"""Largest reduced chi^2 of a fit that is believed at all: rows that are set in steps, where a
-straight line is fitted to them, come between. A tail of a tenth gives 90."""
+"""Largest reduced chi^2 of a fit that is believed at all. Rows that are set in steps, fitted by a
+straight line, stay below it; a tail of a tenth gives 90."""
 STRAY = 0.1
-"""Most light beside the panels' own, over white."""
+"""Largest light other than the panels', over white."""
 PEAK = 0.02
-"""Least light over white at the best delay of the mask, and by which strips that pulse differ."""
+"""Least light over white at the best delay of the mask, and least difference of strips that
+pulse."""
 _FAR = 1e3
-"""Reduced chi^2 of strips that show other pulses than they should: mirrored, or moved."""
+"""Reduced chi^2 above which strips show other pulses than they should: mirrored, or moved."""
 _ASTRAY = "a picture that is mirrored or has moved shows other strips: run geometry"
 _SURELY = 0.1
-"""Weight of a cause from which on it is told."""
+"""Weight above which a cause is reported."""
 _CLEARLY = 0.5
-"""Share of what is left that goes with places, or with pulses, where these are the cause: light
-that is uneven changes pulses more or less, and leaves 0.3."""
+"""Share of the residuals that places, or pulses, explain where these are the cause; uneven light
+changes pulses to different degrees, and leaves 0.3."""
 
 
 def measure_room_light(reading: StripReadings) -> float:
-    """Light beside the projector's white, over that white: the median of all places. Raises
-    CalibrationError where it is too much to measure by."""
+    """Light other than the projector's white, over that white: the median of all places. Raises
+    CalibrationError where it is too much to measure with."""
     share = float(np.median(reading.room))
     if share > ROOM_MOST:
         raise CalibrationError(
@@ -43,8 +44,8 @@ def measure_room_light(reading: StripReadings) -> float:
 
 
 def explain_misfit(readings: Sequence[StripReadings], found: FittedTiming) -> tuple[str, ...]:
-    """What may be why times do not explain the strips, and what to do, the likeliest first: what is
-    left goes with the place of a strip, with what it was asked for, or with neither."""
+    """Possible reasons why times do not explain the strips, and what to do, the likeliest first.
+    The residuals depend on the place of a strip, on its programme, or on neither."""
     left = found.left.mean(axis=1)  # (photos, K)
     kinds = np.array([[f"{p.lit}|{p.opened}" for p in r.programmes] for r in readings])
     places = np.broadcast_to(np.arange(left.shape[1]), left.shape)
@@ -70,7 +71,7 @@ def explain_misfit(readings: Sequence[StripReadings], found: FittedTiming) -> tu
 
 
 def check_timing_fit(readings: Sequence[StripReadings], found: FittedTiming) -> None:
-    """Refuse strips that no times explain, with its causes."""
+    """Raise CalibrationError for strips that no times explain, with possible causes."""
     if found.chi2 > _MOST_CHI2:
         raise CalibrationError(
             f"no rise, fall and lag explain the strips (reduced chi^2 {found.chi2:.0f}, at most "
@@ -81,8 +82,8 @@ def check_timing_fit(readings: Sequence[StripReadings], found: FittedTiming) -> 
 
 
 def _explained(left: Floats, groups: NDArray[np.generic]) -> float:
-    """Share of the variance of `left` that is of the groups' means, beyond what chance gives as
-    many groups; 0 where each is alone."""
+    """Share of the variance of `left` that the groups' means explain, beyond what as many groups
+    explain by chance; 0 where each value is its own group."""
     _, number, count = np.unique(groups, return_inverse=True, return_counts=True)
     if count.max() == 1 or count.size == 1:
         return 0.0
@@ -93,7 +94,7 @@ def _explained(left: Floats, groups: NDArray[np.generic]) -> float:
 
 
 def check_panel_speed(found: FittedTiming) -> None:
-    """Refuse a panel that takes longer than any is fitted with."""
+    """Raise CalibrationError for a panel whose time constant is at the upper bound of the fit."""
     slow = found.times.taus_s > 0.9 * LONGEST_TAU_S
     if slow.any():
         raise CalibrationError(
@@ -105,7 +106,7 @@ def check_panel_speed(found: FittedTiming) -> None:
 
 
 def check_reference_strips(readings: Sequence[StripReadings]) -> None:
-    """Refuse strips that should be black or white and are not."""
+    """Raise CalibrationError for strips that should be black or white and are not."""
     for reading in readings:
         black = ["1" not in p.lit + p.opened for p in reading.programmes]
         white = ["0" not in p.lit + p.opened for p in reading.programmes]
@@ -126,7 +127,7 @@ def check_reference_strips(readings: Sequence[StripReadings]) -> None:
 
 
 def _delays_matter(reading: StripReadings, pulsing: NDArray[np.bool_], least: float) -> bool:
-    """Whether strips that differ by nothing but the mask's delay differ in their light."""
+    """Whether strips that differ only in the mask's delay differ in their light."""
     level = np.median(reading.value, axis=0)
     kinds = np.array([p.lit + _rhythm(p.opened) for p in reading.programmes])
     spreads = [
@@ -136,12 +137,12 @@ def _delays_matter(reading: StripReadings, pulsing: NDArray[np.bool_], least: fl
 
 
 def _rhythm(opened: str) -> str:
-    """The same of programmes that differ by nothing but a delay."""
+    """A key that programmes have in common where they differ only in a delay."""
     return min(opened[k:] + opened[:k] for k in range(len(opened)))
 
 
 def make_room_light_error(share: float) -> CalibrationError:
-    """Of light that comes past the mask."""
+    """The error for light that bypasses the mask."""
     return CalibrationError(
         f"black strips have {100.0 * share:.0f} % of the light of white ones",
         device="camera",

@@ -1,4 +1,4 @@
-"""Least squares: the times of both panels out of the brightness of strips."""
+"""Least squares: the times of both panels from the brightness of strips."""
 
 from __future__ import annotations
 
@@ -23,38 +23,40 @@ _LEAKS = (0.0, 0.5)
 _STARTS_S = (0.0008, 0.004)
 """Time constants from which the fit starts, in all four combinations of both panels."""
 _LIKELY_S, _LIKELY_SD = 2e-3, 1.0
-"""What a time constant is before there is any light, and by what power of e it may be another: it
-decides where noise hides a fast projector behind a slow mask."""
+"""Prior of a time constant, and its standard deviation as a power of e: it decides where noise
+hides a fast projector behind a slow mask."""
 _LAGS_A_REFRESH = 6
 _KEPT_STARTS = 2
 _REACH = 2.5
-"""Refreshes by which a lag may have changed since it was measured."""
+"""Refreshes by which a lag may have changed since it was measured, at most."""
 _MODEL, _EXPLAINED = 4e-3, 5.0
-"""What times that are known to 5 % get wrong of strips, over white, at another lag; what a lag may
-leave of strips, over that and their errors."""
+"""Error of strips, over white, at another lag, by times that are known to 5 %; and the largest
+residual of a lag, over that and the strips' errors."""
 _TAIL_START = 0.05, 4.0
 _TAIL_BOUNDS = ((0.0, 1.5), (0.4, 12.0))
-"""Share and slowness of a second answer."""
+"""Bounds of the share and the slowness of a second response."""
 _TRIES = 30
 """Most steps of a fit; ten are usual."""
 _NO_SLOPE = 1e-9
-"""Standard deviations for a whole unit of a parameter: less is none."""
+"""Change of the residuals, in standard deviations per unit of a parameter, below which the
+parameter has no effect."""
 FLAT = 5e-4
-"""Relative error of each strip beside noise, at most: of flat field and lamp."""
+"""Relative error of each strip in addition to noise, at most: of flat field and lamp."""
 FLOOR = 1e-4
-"""Error of each strip over white beside that, at most."""
+"""Absolute error of each strip, over white, in addition to these, at most."""
 LEAST_FLOORS = 0.02
-"""Share of both that is left at least, however well strips fit."""
+"""Share of both that is kept at least, however well strips fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class FittedTiming:
     """times : the best. covariance : of the logarithms of four time constants, two leaks, the lags,
-    what the lag grows across, then share and slowness of a tail where there is one.
+        the growth of the lag across, then share and slowness of a tail where there is one.
 
-    chi2 : reduced, by `FLAT` and `FLOOR` as they stand. stray : (photos, B). light, left :
-    (photos, B, K), what the times make of the strips, and what they do not explain of them, in
-    standard deviations. floors : the share of `FLAT` and `FLOOR` that what is left speaks for.
+    chi2 : reduced, with all of `FLAT` and `FLOOR`. stray : (photos, B).
+    light, left : (photos, B, K), light of the strips by the times, and the residuals, in standard
+        deviations.
+    floors : share of `FLAT` and `FLOOR` that the residuals suggest.
     """
 
     times: PanelTimes
@@ -69,8 +71,9 @@ class FittedTiming:
 class TimingFitter:
     """The readings of a model, and their errors.
 
-    floors : share of `FLAT` and `FLOOR` to weigh by. All of it, where a bench does better, hides
-    the faint tails of slow panels, which tell a late mask from a slow projector.
+    floors : share of `FLAT` and `FLOOR` in the weights. The full errors, where a bench is better
+        than that, would hide the faint tails of slow panels, which distinguish a late mask from a
+        slow projector.
     """
 
     def __init__(self, model: StripModel, floors: float = 1.0) -> None:
@@ -84,7 +87,7 @@ class TimingFitter:
         self._bands = self._value.shape[1]
 
     def starts(self) -> list[PanelTimes]:
-        """The best few of a coarse search; lags of each band by itself."""
+        """The best few of a coarse search; the lag of each band is searched separately."""
         model, refresh = self._model, self._model.refresh_s
         period = model.readings[0].programmes[0].of
         steps = period * _LAGS_A_REFRESH
@@ -103,7 +106,7 @@ class TimingFitter:
 
     def solve(self, start: PanelTimes, *, tail: bool | None = None) -> FittedTiming:
         """Least squares from one start. tail : give the mask (True) or the projector (False) a
-        second answer."""
+        second response."""
         if tail is not None:
             start = replace(start, tail=Tail(tail, *_TAIL_START))
         free = self._packed(start)
@@ -135,8 +138,8 @@ class TimingFitter:
         return FittedTiming(times, covariance, chi2, numbers[..., 1], light, of_stated, floors)
 
     def later(self, times: PanelTimes) -> tuple[float, float]:
-        """By how much later than at known times the mask is, in s, and its standard deviation; what
-        its black lets through may be another, too.
+        """How much later the mask is than at known times, in s, and its standard deviation; the
+        leak of its black may have changed, too.
 
         Raises CalibrationError for strips that no lag explains.
         """
@@ -168,9 +171,10 @@ class TimingFitter:
         return float(solved.x[0]) * refresh, sigma * refresh
 
     def _beside(self, shape: Floats) -> tuple[Floats, Floats, Floats]:
-        """What light of such a shape (..., photos, B, K) leaves of the readings, in standard
-        deviations, once each band of each photo has the scale and the stray light that suit it
-        best; these two (..., photos, B, 2); and what they can explain, (..., photos, B, K, 2)."""
+        """Fit light of this shape (..., photos, B, K) to the readings, with the best scale and
+        stray light of each band of each photo. Returns the residuals, in standard deviations; scale
+        and stray light (..., photos, B, 2); and an orthonormal basis of what these two can explain,
+        (..., photos, B, K, 2)."""
         shape, past = np.broadcast_arrays(shape, self._past)
         both, size = np.linalg.qr(np.stack([shape, past], axis=-1) / self._sigma[..., None])
         wanted = self._value / self._sigma
@@ -179,17 +183,18 @@ class TimingFitter:
         return np.einsum("...kn,...n->...k", both, along) - wanted, numbers, both
 
     def _chi2(self, shape: Floats) -> Floats:
-        """chi^2 of shapes (..., photos, B, K) in each band of each photo; no light is negative."""
+        """chi^2 of shapes (..., photos, B, K) in each band of each photo; negative light is not
+        accepted."""
         left, numbers, _ = self._beside(shape)
         dark = ((self._value / self._sigma) ** 2).sum(axis=-1)
         return np.asarray(np.where(numbers[..., 0] > 0.0, (left**2).sum(axis=-1), dark))
 
     def _covariance(self, slopes: Floats, left: Floats) -> Floats:
-        """Covariance of all parameters, by the scatter of the residuals (photos, B, K). What all
-        bands of a strip share (an uneven field, a panel that is not quite exponential) does not
-        average out; how much that is, the residuals tell."""
+        """Covariance of all parameters, by the scatter of the residuals (photos, B, K). Errors that
+        all bands of a strip share (an uneven field, a panel that is not quite exponential) do not
+        average out; how large they are is estimated from the residuals."""
         norm = np.linalg.norm(slopes, axis=0)
-        idle = norm < _NO_SLOPE  # nothing depends on it: nothing is known of it
+        idle = norm < _NO_SLOPE  # no reading depends on it, so nothing is known of it
         norm = np.where(idle, 1.0, norm)
         slopes = slopes / norm
         inverse = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12)
@@ -227,8 +232,8 @@ class TimingFitter:
         return PanelTimes(np.exp(v[:4]), v[4:COMMON_PARAMETERS], lags[:-1], tail, float(lags[-1]))
 
     def _slopes(self, v: Floats, start: PanelTimes) -> Floats:
-        """Derivatives of the residuals, (readings, parameters), but for what scale and stray light
-        take of them, which is at right angles to all that is left."""
+        """Derivatives of the residuals, (readings, parameters), without the part that scale and
+        stray light absorb, which is orthogonal to the rest."""
         lags = slice(COMMON_PARAMETERS, COMMON_PARAMETERS + self._bands)
         common = [*range(COMMON_PARAMETERS), *range(COMMON_PARAMETERS + self._bands, v.size)]
         variants = [self._unpacked(v, start)]

@@ -1,12 +1,13 @@
 """What strips of pulses should look like, as a function of the times of both panels.
 
-A strip of a band sends ``scale * [mean of (x_p + a)(x_m + b)] / [(1 + a)(1 + b)] + stray``: x_p
-and x_m the answers of the panels, a what falls on the mask beside the projector's white (its leak,
-and ambient light), b the mask's leak, stray what comes past the mask. Scale and stray light are of
-each band of each photo; times and leaks are of the whole bench, the lag of each band. Over a
-projector that is darker in its corners the room's light is not: what a photo of it says of each
-place (`Readings.room`) is part of a. What came past the mask in that photo is not, and stray light
-goes over the field as the room's does (`Readings.past`): one number for all.
+A strip of a band gives ``scale * [mean of (x_p + a)(x_m + b)] / [(1 + a)(1 + b)] + stray``, with
+x_p and x_m the responses of the panels, a the light on the mask other than the projector's white
+(its leak, and ambient light), b the mask's leak, and stray the light that bypasses the mask. Each
+band of each photo has its own scale and stray light; each band has its lag; the other times and the
+leaks are those of the whole bench. The projector is darker in its corners, and the room's light is
+not: what a photo of the room showed at each place (`StripReadings.room`) is part of a. Light that
+bypassed the mask in that photo is not. Stray light is distributed over the field as the room's is
+(`StripReadings.past`), with one number for all.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from pdcd.panels.frames import BLACK, FrameLog
 from pdcd.probing.pulses import PanelResponse, compute_pulse_light, compute_pulse_product
 
 _NODES = np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
-"""Places in a band at which its lag is looked at, in bands from the middle (Gauss, 3 points)."""
+"""Places in a band at which its lag is evaluated, in bands from the middle (Gauss, 3 points)."""
 _NODE_SHARES = np.array([5.0, 8.0, 5.0]) / 18.0
 _AFTER = 24
-"""Black refreshes after an exposure: a mask that is late, or slow, is black then."""
+"""Black refreshes after an exposure, at whose end a late or slow mask is black."""
 STEP = 1e-5
 """Step of the numeric derivatives: of the logarithm of a time constant, or in refreshes."""
 
@@ -38,7 +39,7 @@ COMMON_PARAMETERS = 6
 
 @dataclass(frozen=True)
 class Tail:
-    """Which panel has a second, slower answer: its share and by how much it is slower."""
+    """Which panel has a second, slower response; its share, and by what factor it is slower."""
 
     mask: bool
     share: float
@@ -47,12 +48,12 @@ class Tail:
 
 @dataclass(frozen=True, eq=False)
 class PanelTimes:
-    """What is to be found.
+    """The times and leaks to be found.
 
-    taus_s : (4,) as `TAUS`. leaks : (2,) a on average, less `Readings.room`, and b.
-    lags_s : (B,) of the mask's light behind the projector's, as the frame log does not explain it,
-        in the middle of its rows.
-    across_s : what is added to it from x = 0 to x = 1, of panels that are turned against the field
+    taus_s : (4,) as `TAUS`. leaks : (2,) a on average, less `StripReadings.room`, and b.
+    lags_s : (B,) of the mask's light behind the projector's, in addition to what the frame log
+        explains, in the middle of its rows.
+    across_s : growth of the lag from x = 0 to x = 1, for panels that are turned against the field
         and set row by row.
     """
 
@@ -64,7 +65,7 @@ class PanelTimes:
 
     @property
     def answers(self) -> tuple[PanelResponse, PanelResponse]:
-        """Of projector and mask."""
+        """Responses of projector and mask."""
         more = [(0.0, 1.0), (0.0, 1.0)]
         if self.tail is not None:
             more[int(self.tail.mask)] = (self.tail.share, self.tail.slower)
@@ -95,13 +96,13 @@ class PhotoLog:
 
     @property
     def slots_apart_s(self) -> float:
-        """How much later than the projector's refreshes those of the mask began that the log has
-        beside them, on average."""
+        """How much later than the projector's refreshes the mask's began that the log lists with
+        them, on average."""
         return float(np.mean(self.log.dual_ns - self.log.primal_ns)) * 1e-9
 
     def shown(self, refresh_s: float) -> NDArray[np.int32]:
-        """The row that projector and mask carried in each refresh, (2, n), `BLACK` ones at the end:
-        a row that was held for several is there as often."""
+        """The row that projector and mask showed in each refresh, (2, n), `BLACK` ones at the end;
+        a row that was held for several refreshes is repeated."""
         log, both = self.log, []
         for rows, at, end in (
             (log.primal_shown, log.primal_ns, log.end_ns[0]),
@@ -119,7 +120,8 @@ class PhotoLog:
 class StripModel:
     """The readings of all photos of one set of bands.
 
-    readings : each (B, K), of equal bands. ran : of each, what was shown. refresh_s : of both.
+    readings : each (B, K), of equal bands. ran : what was shown in each. refresh_s : of both
+        panels.
     """
 
     def __init__(
@@ -138,29 +140,29 @@ class StripModel:
 
     @property
     def apart_s(self) -> float:
-        """See `Ran.apart_s`, of all photos."""
+        """See `PhotoLog.apart_s`, mean of all photos."""
         return float(np.mean(self._apart_s))
 
     def shape(self, times: PanelTimes) -> Floats:
-        """Light over that of white of every reading, (photos, B, K), pulses without end, and what
-        `correct` found."""
+        """Light over white of every reading, (photos, B, K): that of endless pulses, plus the
+        correction by `correct`."""
         return np.asarray(self.shapes([times])[0])
 
     def shapes(self, variants: Sequence[PanelTimes]) -> Floats:
-        """The same of several, (variants, photos, B, K), all with or all without a tail."""
+        """The same for several, (variants, photos, B, K), all with or all without a tail."""
         both = [(r.room, r.past) for r in self.readings]
         return self._shapes(variants, both, self._asked, self._apart_s) + self.correction
 
     def anywhere(self, times: PanelTimes) -> Floats:
-        """What strips of no particular band would have at each of many lags, (photos, lags, K)."""
+        """Light of strips of no particular band at each of many lags, (photos, lags, K)."""
         both = [(r.room, r.past) for r in self.readings]
         mean = [tuple(of_bands.mean(axis=0, keepdims=True) for of_bands in pair) for pair in both]
         return np.asarray(self._shapes([times], mean, self._asked, self._apart_s)[0])
 
     def correct(self, times: PanelTimes) -> None:
-        """Take into `correction` what beginning and end of the exposures make of these times: all
-        refreshes of the log with black ones after them, over white that is as long, minus pulses
-        without end."""
+        """Set `correction`: the effect of the beginning and end of the exposures at these times. It
+        is the light of all refreshes of the log, black ones after them, over white that is as long,
+        minus the light of endless pulses."""
         both = [(r.room, r.past) for r in self.readings]
         shown = [ran.shown(self.refresh_s) for ran in self.ran]
         apart = [ran.slots_apart_s for ran in self.ran]
@@ -174,7 +176,7 @@ class StripModel:
                 )
             )
             white.append((on[:1], on[1:]))
-        # What is corrected hardly changes within a band: its middle will do.
+        # The correction hardly changes within a band: the middle is enough.
         slope, self.slope_s = self.slope_s, 0.0
         plain = self._shapes([times], both, self._asked, self._apart_s)
         whole, full = (self._shapes([times], both, pairs, apart) for pairs in (strips, white))
@@ -208,7 +210,7 @@ class StripModel:
 def _stacked(
     variants: Sequence[PanelTimes],
 ) -> tuple[tuple[PanelResponse, PanelResponse], tuple[Floats, Floats]]:
-    """Answers and leaks of both panels, arrays (V, 1, 1, 1)."""
+    """Responses and leaks of both panels, arrays (V, 1, 1, 1)."""
     answers = [times.answers for times in variants]
 
     def column(values: list[float | Floats]) -> Floats:

@@ -1,4 +1,5 @@
-"""The picture of the timing step: what strips gave against what the times explain, lag by row."""
+"""The picture of the timing step: measured light of strips and that by the fitted times; lag by
+row."""
 
 from __future__ import annotations
 
@@ -12,11 +13,12 @@ from pdcd.calibration.timing.lag import MeasuredTiming
 from pdcd.calibration.timing.strips import StripReadings
 
 _LEAST_SPAN_MS = 1.0
-"""Of lags that are drawn: less is nothing to a refresh, and not to be made much of."""
+"""Least range of lags on the axis: smaller differences do not matter to a refresh, and should not
+look large."""
 
 
 def draw_timing(figure: Any, found: MeasuredTiming, readings: Sequence[StripReadings]) -> None:
-    """Light of the strips in the middle of the field, of all photos, and what the times make of it;
+    """Light of the strips in the middle of the field, in all photos, and that by the fitted times;
     the lag of each band, with three sigmas, and the line through them."""
     axes = figure.subplot_mosaic("SS;LL")
     middle = found.bands.size // 2

@@ -40,41 +40,42 @@ from pdcd.panels.map import Map
 from pdcd.panels.schedule import SLOTS
 
 _PERIOD = 24
-"""Refreshes of the longest programme: all photos hold whole ones."""
+"""Refreshes of the longest programme: all photos last a whole number of these."""
 _FULLER = 1.1
-"""Refreshes of a photo, at most, over `Session.full`."""
+"""Refreshes of a photo, at most, over `CalibrationSession.full`."""
 _TRAIL = 13
 """Black refreshes at the end: a mask that is many refreshes late still shows what it was sent."""
 _BANDS = 3, 12
 _QUADS_A_BAND = 40
 """Rows of quads that a band has, at least."""
 _PERMUTATIONS, _MOST_PERMUTATIONS = 4, 16
-"""Photos of fine strips; up to so many where the noise of four leaves times unsure, as that of a
-sensor with small pixels does before fast panels."""
+"""Photos of fine strips; up to the second number where the noise of four leaves times uncertain, as
+with a sensor with small pixels and fast panels."""
 _NEAR = 1
-"""Refreshes by which a second coarse search may still be off."""
+"""Refreshes by which the delay may still be wrong at a second coarse search."""
 _FLAT_S = 1e-4
-"""A lag that differs by less from top to bottom, and by less than three sigmas, does not."""
+"""Lag from top to bottom below which, if it is also below three sigmas, it counts as the same
+everywhere."""
 _NO_SCAN_S = 1e-5
-"""A lag that grows by less from top to bottom counts as the same everywhere: strips are not read
-that well."""
+"""Lag from top to bottom below which it always counts as the same everywhere: strips cannot be read
+more accurately."""
 _STEP_S = 2.5e-4
-"""Lag from one band of rows to the next, in the words of the configuration."""
+"""Lag from one band of rows to the next, in the configuration."""
 _MOST_BANDS = 128
 _AGAINST = 0.3
-"""Lag from top to bottom, in refreshes, from which it matters how the panels hang."""
+"""Lag from top to bottom, in refreshes, from which the mounting of the panels matters."""
 _ONE_PANEL = 1.05
-"""The same from which both panels are set row by row, and against each other: one alone takes a
+"""The lag from which both panels must be set row by row, in opposite directions: one alone takes a
 refresh at most."""
 _SETTLED = 5.0
-"""Time constants after which a panel is black."""
+"""Time constants after which a panel counts as black."""
 _LEAKS = 0.12, 1.0
-"""Light of a code in others under the best schedule: more is doubtful, and more is no use."""
+"""Light of a code in others under the best schedule from which the bench is doubtful, and bad."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Rig:
-    """What photos of strips are made and read with."""
+    """What is needed to make and read photos of strips."""
 
     projector: Map
     mask: Map
@@ -95,7 +96,7 @@ class _Rig:
     def wanted(
         self, name: str, strips: PulseStrips, delay: int, *, white: bool = False
     ) -> PhotoRequest:
-        """A photo of strips, the mask sent its pictures `delay` refreshes later."""
+        """A photo of strips, with the mask sent its pictures `delay` refreshes later."""
         periods = self.refreshes // strips.programmes[0].of
         shown = make_strip_sequence(
             name, strips, self.projector, self.mask, white=white, periods=periods
@@ -115,7 +116,7 @@ class _Rig:
 
 def calibrate_timing(session: CalibrationSession) -> StepScript:
     """White, coarse strips, white without the projector, fine strips four times: seven photos; nine
-    where the mask is whole refreshes late, or early; up to twelve more where they are too noisy.
+    where the mask is whole refreshes late, or early; up to twelve more where four are too noisy.
 
     Raises CalibrationError as `find_coarse_delay`, `read_strips` and `fit_timing` do.
     """
@@ -148,8 +149,8 @@ def calibrate_timing(session: CalibrationSession) -> StepScript:
 def _coarse(
     session: CalibrationSession, rig: _Rig
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, tuple[int, QuadPhoto]]:
-    """By how many more refreshes the mask should be sent its pictures later, and the white photo
-    of strips under that delay."""
+    """By how many refreshes later the mask should be sent its pictures, and the white photo of
+    strips with that delay."""
     strips, delay = make_pulse_strips(rig.projector, 0, tuple(COARSE), rig.window), 0
     for number in ("", "-again"):
         taken = yield from take_photo(rig.wanted(f"white{number}", strips, delay, white=True))
@@ -177,8 +178,8 @@ def _outcome(
     readings: list[StripReadings],
     rows_delay: int,
 ) -> StepOutcome:
-    """Figures, words and advice. rows_delay : by how many rows the mask was sent its pictures
-    later, by the display and by the photos together."""
+    """Figures, configuration values and advice. rows_delay : by how many rows the mask was sent its
+    pictures later, by the display and by the photos together."""
     config = session.config
     planes = config.display.planes_per_refresh
     rows = rows_delay + found.delay_refreshes
@@ -225,10 +226,10 @@ def _outcome(
 
 
 def _row_words(found: MeasuredTiming, mask: Map) -> dict[str, ConfigValue]:
-    """The lag by row in words of [mask]; no scan where none is seen.
+    """The lag by row as values of [mask]; no scan where none is seen.
 
-    The rows of a band have one delay in the configuration. It is that of the band's middle, so that
-    the first and the last one lie closer together than the first and the last row.
+    The rows of a band share one delay in the configuration, that of the band's middle. So the
+    delays of the first and the last band differ by less than those of the first and the last row.
     """
     scan_sigma_s = float(np.sqrt(found.line_covariance[1, 1]))
     at = np.array([1.0, 0.5])
@@ -250,8 +251,8 @@ def _row_words(found: MeasuredTiming, mask: Map) -> dict[str, ConfigValue]:
 
 
 def _leaks(found: MeasuredTiming, late_s: Floats) -> list[MeasuredFigure]:
-    """What each schedule will leak, in the worst band, once the delay is taken out; the best of
-    them is judged."""
+    """What each schedule will leak, in the worst band, once the delay is compensated; only the best
+    schedule is judged."""
     leaks = {name: max(found.kept(name, float(late)).leak for late in late_s) for name in SLOTS}
     best = min(leaks, key=lambda name: leaks[name])
     figures = []
@@ -290,7 +291,7 @@ def _advice(found: MeasuredTiming, refresh_s: float) -> list[str]:
 
 
 def _arrays(found: MeasuredTiming) -> dict[str, Floats]:
-    """What checks and later steps need."""
+    """Arrays for checks and later steps."""
     tail = found.tail
     return {
         "timing.lag_s": found.lag_s,
