@@ -1,4 +1,4 @@
-"""A calibration computed again from its photos: the same numbers, bit for bit, or it says which."""
+"""A calibration computed again from its photos: every number must be the same, bit for bit."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ from pdcd.files.text import encode_json
 from pdcd.sensor.profile import SensorProfile
 
 _LOOK, _FIRST = "check.", "check.dots"
-"""How arrays of a look are called that is kept for checks, and a figure of the first look alone."""
+"""Prefix of the arrays of a snapshot that is kept for checks, and a figure that only the first
+snapshot has."""
 
 
 class _Item(msgspec.Struct, frozen=True):
@@ -43,7 +44,7 @@ class _Item(msgspec.Struct, frozen=True):
 
 
 class _Again(msgspec.Struct, frozen=True, kw_only=True):
-    """All that was computed again."""
+    """The results of computing a calibration again."""
 
     folder: str
     items: tuple[_Item, ...]
@@ -53,8 +54,9 @@ class _Again(msgspec.Struct, frozen=True, kw_only=True):
 def recompute_calibration(folder: Path) -> _Again:
     """Compute all steps of a calibration folder from its photos, in their order.
 
-    Nothing in the folder is changed. Raises ConfigError for a folder that is none, DecodeError for
-    a photo that is not as it was, CalibrationError where a step now asks for other photos.
+    Nothing in the folder is changed. Raises ConfigError for a folder that is not a calibration,
+    DecodeError for a photo that has changed, CalibrationError where a step now asks for other
+    photos.
     """
     record, _ = read_calibration(folder)
     with (
@@ -83,7 +85,7 @@ def recompute_calibration(folder: Path) -> _Again:
                 and hash_file(work / name, MAX_PICTURE_BYTES) == record.files[name].sha256,
             )
             for name in (MAPS, CALIBRATION_ARRAYS, PROFILE)
-            # A profile may be that of the calibration before.
+            # A profile may be that of the previous calibration.
             if name in record.files and (name != PROFILE or (work / name).exists())
         ]
     return _Again(
@@ -92,7 +94,7 @@ def recompute_calibration(folder: Path) -> _Again:
 
 
 def _begin(record: Calibration, folder: Path) -> CalibrationStart:
-    """What the calibration began with. Raises ConfigError."""
+    """What the calibration started from. Raises ConfigError."""
     try:
         config = msgspec.convert(record.belief, Config, strict=False)
         profile = msgspec.convert(record.profile, SensorProfile, strict=False)
@@ -106,9 +108,9 @@ def _begin(record: Calibration, folder: Path) -> CalibrationStart:
 
 
 def _before(record: Calibration, folder: Path) -> Path | None:
-    """Folder of the calibration before, by its digest: beside this one, or where values were taken
-    over from. Where it is gone, the folder itself: its arrays hold those of the one before, but for
-    what its own steps found anew."""
+    """Folder of the previous calibration, found by its digest: beside this one, or where values
+    were taken over from. Where it is gone, this folder itself: its arrays include those of the
+    previous one, except for what its own steps measured again."""
     if record.before is None:
         return None
     named = {Path(entry.folder) for entry in record.measured.values() if entry.folder}
@@ -123,12 +125,13 @@ def _before(record: Calibration, folder: Path) -> Path | None:
 
 
 def _looked_first(record: Calibration) -> bool:
-    """Whether a check found no look to compare with: one that is kept now is its own."""
+    """Whether a check had no reference to compare with, so that the one that is kept now is its
+    own."""
     return any(figure.name == _FIRST for step in record.steps for figure in step.figures)
 
 
 def _computed(study: CalibrationStudy, step: StepRecord) -> StepRecord:
-    """A step again, fed with its photos."""
+    """Compute a step again from its photos."""
     photos = list(step.photos)
     wanted = study.begin(step.name, step.made_utc)
     while not isinstance(wanted, StepResult):

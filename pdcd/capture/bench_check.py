@@ -1,9 +1,9 @@
-"""Are the devices what a run counts on: those that were calibrated, and a camera that sees all?
+"""Are the devices what a run relies on: those that were calibrated, and a camera that sees all?
 
 A photo that cannot be decoded is not worth the ones after it. So a frame that is known beforehand
-is held against the field before there is light, any other one as soon as the first photo is there;
+is compared with the field before there is light, any other one as soon as the first photo is there;
 and every photo of a run must be of the same size, orientation and camera. Before each capture the
-calibration that is in use is held against the devices that are there.
+calibration in use is compared with the devices that are there.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from pdcd.sensor.raw import RawFrame, RawHead, read_raw, read_raw_head
 _COLOURS, _UNITS = {1: "no colours", 3: "colours"}, {1: "pixels", 3: "quads"}
 _DAY = 1.0
 _SESSION_DAYS = 1.0 / 24.0
-"""A check that is so old is none of this session's, with `check = "always"`."""
+"""With `check = "always"`, a check that is older than this belongs to another session."""
 
 
 @dataclass
 class FrameCheck:
-    """The camera's frame in one run. grid : rows and columns of its cells. cut : whether any shot
-    opens less than whole cells. None of both is known before there is a plan."""
+    """Checks of the camera's frame in one run. grid : rows and columns of its cells. cut : whether
+    any shot opens less than whole cells. Neither is known before there is a plan."""
 
     config: Config
     camera: CameraInfo
@@ -48,9 +48,9 @@ class FrameCheck:
     _first: tuple[str, RawHead] | None = field(default=None, init=False)
 
     def foresee(self, grid: tuple[int, int], *, cut: bool) -> None:
-        """Hold the frame that the camera tells of against the cells of a plan.
+        """Compare the frame that the camera reports with the cells of a plan.
 
-        Nothing is said of a camera that tells none. Raises ConfigError.
+        A camera that reports none is not checked. Raises ConfigError.
         """
         self.grid, self.cut = grid, cut
         if self.camera.frame_quads is not None:
@@ -58,8 +58,8 @@ class FrameCheck:
             self._check((height, width))
 
     def saw(self, file: str, head: RawHead) -> None:
-        """One more photo came. Raises ConfigError when the first one does not fit the field or the
-        sensor, and ExposureError for one that is unlike the first."""
+        """Check a photo that came. Raises ConfigError when the first one does not fit the field or
+        the sensor, and ExposureError for one that differs from the first."""
         if self._first is None:
             if head.colours != self.camera.colours:
                 verb = "with" if head.colours == 1 else "without"
@@ -104,7 +104,7 @@ class FrameCheck:
 def check_frame(
     config: Config, frame: tuple[int, int], grid: tuple[int, int], *, cut: bool
 ) -> None:
-    """Hold a frame of so many rows and columns of quads against the cells of a grid; `cut` is that
+    """Compare a frame of so many rows and columns of quads with the cells of a grid; `cut` is that
     of a plan (`Plan.cut`).
 
     Raises ConfigError when the camera's place is no sound map, or the frame does not fit.
@@ -117,8 +117,8 @@ def check_frame(
 def examine_readout(
     context: DriverContext,
 ) -> Generator[Finding, None, tuple[int, int] | None]:
-    """Yield what the readout of a configuration says of its camera, which is opened and let go;
-    returns its frame in quads, where it tells. Nothing is exposed; what fails is a finding."""
+    """Open the camera of a configuration, close it, and yield what its readout reports; returns its
+    frame in quads, where it is reported. Nothing is exposed; failures are findings."""
     name = context.config.camera.driver
     try:
         driver = load_driver("readout", name)
@@ -142,10 +142,10 @@ def examine_readout(
 def examine_frame(
     config: Config, raw: Path | None, told: tuple[int, int] | None = None
 ) -> Iterator[Finding]:
-    """Yield what is known of the camera's frame: from a RAW file, else by what its driver `told`,
-    width and height in quads, else from the sensor profile.
+    """Yield what is known of the camera's frame: from a RAW file, else from what its driver `told`
+    (width and height in quads), else from the sensor profile.
 
-    What fails is a finding, too.
+    Failures are findings, too.
     """
     what = "frame"
     try:
@@ -186,7 +186,7 @@ def examine_frame(
 
 
 def _examine_levels(photo: RawFrame) -> Iterator[Finding]:
-    """What black and white of a decoded photo are, and what is odd about them."""
+    """Black and white levels of a decoded photo, and what is odd about them."""
     black = ", ".join(f"{level:.6g}" for level in photo.black)
     source = photo.exif()["black_from"]
     found = f"black {black} DN by the {source}, white {photo.white:g} DN"
@@ -201,11 +201,12 @@ def _size(head: RawHead) -> str:
 
 
 def find_calibration_doubts(config: Config, rig: Rig, iso: int) -> Iterator[str]:
-    """What speaks against the calibration in use, in words; nothing where none is used.
+    """Doubts about the calibration in use, in words; none where no calibration is used.
 
     iso : of the photos to come.
 
-    Raises ConfigError where it is one of another camera, of other panels, or of another mode.
+    Raises ConfigError where the calibration is of another camera, of other panels, or of another
+    mode.
     """
     table = config.calibration
     if table.sha256 is None:
@@ -225,7 +226,7 @@ def find_calibration_doubts(config: Config, rig: Rig, iso: int) -> Iterator[str]
 
 
 def _left_out(record: Calibration, folder: Path) -> Iterator[str]:
-    """What the calibration in use tried and could not find out."""
+    """Steps that the calibration in use tried without usable results, and where it stopped."""
     if record.left_out:
         steps = "; ".join(f"{step}: {why}" for step, why in record.left_out.items())
         yield f"not all of calibration {record.name} is used ({steps}): see {folder / RECORD}"
@@ -237,7 +238,7 @@ def _left_out(record: Calibration, folder: Path) -> Iterator[str]:
 
 
 def _bad_later(record: Calibration, folder: Path, config: Config) -> Iterator[str]:
-    """Whether a calibration or check of the same bench after this one found what is bad."""
+    """Whether a calibration or check of the same bench after this one found something bad."""
     last = find_newest_calibration(folder.parent, config, bad=True)
     if last is None or parse_calibration_name(last) <= parse_calibration_name(folder):
         return
@@ -251,9 +252,9 @@ def _bad_later(record: Calibration, folder: Path, config: Config) -> Iterator[st
 
 
 def is_camera_turned(config: Config, flip: int) -> bool:
-    """Whether the camera is held another way than when it was calibrated.
+    """Whether the camera is held differently than when it was calibrated.
 
-    flip : of a photo, as of `RawHead`. Raises ConfigError as `read_calibration`.
+    flip : of a photo, as in `RawHead`. Raises ConfigError as `read_calibration`.
     """
     if config.calibration.sha256 is None:
         return False

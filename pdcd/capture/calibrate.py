@@ -38,7 +38,7 @@ from pdcd.watch import Watch
 from pdcd.words import SubjectName
 
 FOLDERS = ("raw", "preview")
-"""Below a calibration folder."""
+"""Folders inside a calibration folder."""
 _SUBJECTS: Mapping[SubjectName, str] = MappingProxyType(
     {
         "card": "put a flat, matt, white card where the scene will be, so that it fills the "
@@ -46,15 +46,15 @@ _SUBJECTS: Mapping[SubjectName, str] = MappingProxyType(
         "scene": "see that nothing in the scene moves, and darken the room",
     }
 )
-"""What somebody has to do before it begins."""
+"""What a person has to do before it begins."""
 
 
 @dataclass
 class CalibrationRun:
-    """Takes one calibration through: photos, figures, folder.
+    """Runs one calibration from beginning to end: photos, figures, folder.
 
     `proceed(text)` returns once somebody has done what the text asks. Raises what its devices and
-    steps raise; the caller makes safe.
+    steps raise; the caller makes the rig safe.
     """
 
     config: Config
@@ -72,8 +72,8 @@ class CalibrationRun:
     ended_whole: bool = False
 
     def execute(self) -> CaptureResult:
-        """Take all photos, work them out, archive. Raises PdcdError; what its steps found until
-        then is kept all the same, in a whole folder (`ended_whole`)."""
+        """Take all photos, evaluate them, archive. Raises PdcdError; what its steps found until
+        then is kept all the same, in a complete folder (`ended_whole`)."""
         camera, before = (
             self._camera(),
             read_previous_calibration(choose_calibration_folder(self.config)),
@@ -99,7 +99,7 @@ class CalibrationRun:
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """Steps whose values are kept, those taken over left out."""
+        """Steps whose values are kept, without those taken over."""
         return () if self.keeper is None else self.keeper.names
 
     def _keeper(
@@ -116,7 +116,7 @@ class CalibrationRun:
     def _begin(
         self, camera: CameraInfo, before: PreviousCalibration | None, steps: tuple[str, ...]
     ) -> None:
-        """Tell the worker what is known, and have somebody put up what is to be seen."""
+        """Tell the worker what is known, and ask for the subject to be put in place."""
         helped = self.request.attended or self.rig.mock
         subject, marks = self.request.subject, self.request.marks
         folder = None if before is None else before.folder
@@ -157,8 +157,8 @@ class CalibrationRun:
         return self.rig.camera_info
 
     def _step(self, name: str, number: int, count: int, note: str) -> None:
-        """Run one step to its end, and keep what it found; the metering before all of them is told
-        of as step 1."""
+        """Run one step to its end, and keep what it found; the metering before all steps is
+        reported as step 1."""
         self.rig.begin_photos()
         begun = events.StepBegun(step=name, number=max(number, 1), steps=count, note=note)
         self._notify(begun)
@@ -186,7 +186,7 @@ class CalibrationRun:
         )
 
     def _photo(self, wanted: NextPhoto) -> PhotoRecord:
-        """Take one photo; of a mock bench with the lens covered where it is to be."""
+        """Take one photo; a mock bench covers the lens itself where it should be covered."""
         self.rig.cover(wanted.covered)
         try:
             return self._exposed(wanted)
@@ -194,9 +194,9 @@ class CalibrationRun:
             self.rig.cover(False)
 
     def _exposed(self, wanted: NextPhoto) -> PhotoRecord:
-        """Expose, again where refreshes were missed or the photo was lost, and once where the times
-        of the exposure disagree. Raises SyncError when refreshes went on being missed, PhotoError
-        when the last photo was lost, too."""
+        """Expose; again where refreshes were missed or the photo was lost, and once more where the
+        times of the exposure disagree. Raises SyncError when refreshes are missed too often,
+        PhotoError when the last photo was lost, too."""
         settings = CameraSettings(wanted.iso, wanted.f_number if self._settable else None)
         number, spoilt, doubted = 0, 0, False
         while spoilt <= self.config.rig.retries:
@@ -230,8 +230,9 @@ class CalibrationRun:
         )
 
     def _level(self, wanted: NextPhoto, done: RigExposure) -> float | None:
-        """Light of a photo over what was planned; None where refreshes that were missed spoilt it.
-        Those of black panels do not, and `on_miss` may have a picture that stands still kept."""
+        """Light of a photo over what was planned; None where missed refreshes spoilt it. Missed
+        refreshes of black panels do no harm, and `on_miss` may allow them in a picture that stands
+        still."""
         if not done.log.missed.any():
             return 1.0
         level = measure_still_level(wanted.frames, done.log, self.config.row_hz)
@@ -239,8 +240,8 @@ class CalibrationRun:
         return None if strict and level != 1.0 else level
 
     def _doubt(self, wanted: NextPhoto, done: RigExposure) -> str:
-        """Which times of an exposure disagree, in words. Its first photo tells how the camera is
-        held."""
+        """Which times of an exposure disagree, in words. The first photo also shows how the camera
+        is held."""
         head = self.worker.do(self._watch(), Worker.head, self.folder.path, self._file(done))
         if self.keeper is not None and self.keeper.flip is None:
             self.keeper.flip = head.flip
@@ -269,7 +270,7 @@ class CalibrationRun:
         return bool(self._camera().f_numbers)
 
     def _taken(self, wanted: NextPhoto, done: RigExposure, level: float) -> PhotoRecord:
-        """What is kept of a photo."""
+        """The record of a photo."""
         log = done.log
         return PhotoRecord(
             name=wanted.name,

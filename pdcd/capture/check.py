@@ -1,9 +1,8 @@
 """What `pdcd config check` tries of a configuration; no device is touched.
 
-Tried are: the three drivers, by name and by their options; the scene; the sensor profile and its
-ISO; both refresh rates; a plan of what a capture takes unless it is told otherwise; and whether the
-camera's frame, where it is known, shows its cells. Whether the devices are there is the doctors'
-business.
+It tries the three drivers, by name and by their options; the scene; the sensor profile and its ISO;
+both refresh rates; a plan of a default capture; and whether the camera's frame, where it is known,
+shows the cells. Whether the devices are there is checked by the doctors.
 """
 
 from __future__ import annotations
@@ -31,10 +30,10 @@ _TABLES: dict[DriverRole, str] = {"display": "display", "shutter": "trigger", "r
 
 
 def try_config(config: Config, known: Collection[str] = ()) -> list[str]:
-    """Every fault that trying shows, each on a line that begins with what it is about.
+    """Every fault that trying reveals, each on a line that begins with what it is about.
 
-    `known` are keys (dotted) that are known to be wrong and stand at their defaults: what rests on
-    one of them is not tried.
+    `known` are dotted keys that are known to be wrong and have been set to their defaults: what
+    depends on one of them is not tried.
     """
     return _Check(config, known).all()
 
@@ -65,7 +64,7 @@ class _Check:
         return self._lines
 
     def _try(self, key: str, action: Callable[[], object], *rests_on: str) -> None:
-        """Do something that may fail; its fault begins with the key unless it names one itself."""
+        """Run something that may fail; its fault begins with the key unless it names one itself."""
         if not self._sound(rests_on):
             return
         try:
@@ -96,7 +95,8 @@ class _Check:
         self._grid = build_scene(self._config.scene).grid
 
     def _context(self) -> DriverContext:
-        """What drivers are created with: of a wrong scene or profile they shall not speak again."""
+        """The context in which drivers are created. A wrong scene or profile is replaced by the
+        default, so that drivers do not report it again."""
         config = self._config
         if self._grid is None:
             config = msgspec.structs.replace(config, scene=SceneConfig())
@@ -117,8 +117,8 @@ class _Check:
             self._try("camera.iso", partial(profile.row, camera.iso), "camera.iso")
 
     def _coverage(self) -> None:
-        """Name panels that do not reach all of the field. Where no cell is lost, codes are shown
-        all the same."""
+        """Report panels that do not cover all of the field. Codes are shown all the same where no
+        cell is lost."""
         grid = self._code_grid()
         if grid is None or not self._sound(("scene.grid",)):
             return
@@ -127,7 +127,7 @@ class _Check:
                 self._say(f"{role}.place: {what}: place it so that it covers the field")
 
     def _code_grid(self) -> tuple[int, int] | None:
-        """Rows and columns of code cells; None where they stand in a file that cannot be read."""
+        """Rows and columns of code cells; None where they are in a file that cannot be read."""
         if self._grid is None and self._config.scene.kind == "matrix":
             return None
         return self._config.code_grid(self._grid)
@@ -164,8 +164,8 @@ def _stands_at_default(config: Config, key: str) -> bool:
 
 
 def _with_defaults(config: Config, keys: Collection[str]) -> Config:
-    """The configuration with the defaults of keys that are at fault: no driver and no plan shall
-    meet a value of which somebody was told."""
+    """The configuration with defaults for the faulty keys: a value that was reported should reach
+    neither a driver nor a plan."""
     for key in keys:
         table, _, name = key.split("[")[0].partition(".")
         name = name.partition(".")[0]
@@ -177,5 +177,5 @@ def _with_defaults(config: Config, keys: Collection[str]) -> Config:
 
 
 def _create(role: DriverRole, name: str, context: DriverContext) -> None:
-    """What the rig does at its start, up to the moment when devices are opened."""
+    """What the rig does at its start, up to the point where devices are opened."""
     load_driver(role, name).create(context)

@@ -1,4 +1,5 @@
-"""Runs a plan on a rig: arm, open, play, close, fetch, decode, archive; fails closed."""
+"""Runs a plan on a rig: arm, open, play, close, fetch, decode, archive. On errors it leaves the rig
+safe."""
 
 from __future__ import annotations
 
@@ -59,19 +60,19 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 _Asked = Callable[[], bool]
-"""Whether the job is to end; asked at every step, which also shows that the thread lives."""
+"""Whether the job is to end; called at every step, which also shows that the thread is alive."""
 
 
 def _unheard(event: Event) -> None:
-    """Nobody listens."""
+    """Ignore an event."""
 
 
 def _at_once(text: str) -> None:
-    """Nobody is there to do anything."""
+    """Return at once: nobody is there to do what is asked."""
 
 
 def _never() -> bool:
-    """Nobody cancels."""
+    """Never cancel."""
     return False
 
 
@@ -88,7 +89,7 @@ class Engine:
         self._set_up(choose_calibration(config))
 
     def _set_up(self, chosen: CalibrationChoice) -> None:
-        """Make the rig of a configuration with its calibration, closed, and who works for it."""
+        """Make the rig of a configuration with its calibration, closed, and its worker."""
         if chosen.words and chosen.words != self._note:
             logger.info("%s", chosen.words, extra={"for_people": True})
         self._note = chosen.words
@@ -113,9 +114,9 @@ class Engine:
 
     @classmethod
     def with_child(cls, config: Config, child: Child[Any] | None = None) -> Engine:
-        """The same with a process of its own to plan and decode in, which may die without harm to
-        this one. To be used in one thread, which lives as long as the engine is wanted. `child`
-        is that process, where it was started already."""
+        """An engine that plans and decodes in a process of its own, whose death does no harm to
+        this one. It must be used in one thread, which lives as long as the engine is needed.
+        `child` is that process, where it was started already."""
         from pdcd.capture.worker.spawned import SpawnedWorker  # nobody else has one
 
         ready = [] if child is None else [child]
@@ -134,7 +135,7 @@ class Engine:
         record, _ = read_calibration(Path(used.use))
         if find_other_device(record, rig.camera_info, rig.display_info) is None:
             return
-        # Nobody named it: another one that fits the devices is used, or none.
+        # Nobody named this calibration: use another one that fits the devices, or none.
         found = choose_calibration(self._asked, rig.camera_info, rig.display_info)
         if found.config.calibration.sha256 != used.sha256:
             self.stop()
@@ -145,7 +146,7 @@ class Engine:
         used = self._config.calibration
         if used.sha256 is not None and self._held is None:
             self._held = lock_calibration_in_use(Path(used.use))
-        self._worker.start()  # which takes a while to get warm, as devices do
+        self._worker.start()  # it takes a while to warm up, as devices do
         self._rig.connect()
 
     def stop(self) -> None:
@@ -159,12 +160,12 @@ class Engine:
             self._worker.stop()
 
     def break_off(self) -> None:
-        """Have all drivers stop waiting, for good: the process is to end. For any thread."""
+        """Make all drivers stop waiting, for good: the process is about to end. For any thread."""
         self._broken_off.set()
 
     def make_safe_beside(self, within_s: float) -> bool:
-        """Panels black and shutter closed, asked from another thread than that of the engine, which
-        hangs in a driver; whether both are, within that time."""
+        """Make panels black and close the shutter, from another thread, while the engine's own
+        hangs in a driver. Returns whether both were done within that time."""
         return self._in_use.make_safe_beside(within_s)
 
     @property
@@ -181,13 +182,13 @@ class Engine:
 
     @property
     def note(self) -> str:
-        """Which calibrations were passed over, and why, in a line; "" for none."""
+        """Which calibrations were skipped, and why, in a line; "" for none."""
         return self._note
 
     @property
     def optics(self) -> OpticalBench | None:
         """What a mock camera sees, pixel by pixel, once it is open; None for a real one, and where
-        the scene's cells say all there is to see."""
+        the scene's cells contain everything there is to see."""
         from pdcd.virtual.optics.needed import choose_optics  # nothing waits for its pixels
 
         scene = self._rig.scene
@@ -207,7 +208,7 @@ class Engine:
     ) -> PlanSummary:
         """What a request would do; `given` holds its arrays.
 
-        `emit` is told how far the plan is, `cancelled()` is asked as for a capture. Raises
+        `emit` hears of the progress of the plan; `cancelled()` is called as in a capture. Raises
         RequestError, PlanError, Cancelled.
         """
 
@@ -219,7 +220,7 @@ class Engine:
         choice = is_search_needed(request)
         camera = self._rig.camera
         with self._rig.pulse.of_job(cancelled):
-            # A plain plan does without a real camera that is not open.
+            # A plain plan does not need a real camera that is not open.
             if camera is None and (choice or (self._rig.mock and is_camera_needed(request))):
                 camera = self._rig.look_at_camera()
             asked = choice or is_lag_needed(request, self._config)
@@ -255,9 +256,10 @@ class Engine:
         emit: Emit = _unheard,
         cancelled: _Asked = _never,
     ) -> PreviewView:
-        """A short white photo as PNG below the state folder, which keeps the last few.
+        """Take a short white photo and store it as PNG below the state folder, which keeps the last
+        few.
 
-        `emit` and `cancelled` are those of `capture`. Raises the error that the photo ended by.
+        `emit` and `cancelled` are those of `capture`. Raises the error with which the photo ended.
         """
         from pdcd.capture.previews import read_preview, remove_old_previews  # no capture has it
 
@@ -282,8 +284,8 @@ class Engine:
         ended: _Asked = _never,
     ) -> CaptureResult:
         """Show what the camera's finder sees while the panels hold a pattern of `show`, until
-        `cancelled()` or `ended()`; never raises for what goes wrong, and leaves the rig as
-        `capture` does. `tell` takes each picture."""
+        `cancelled()` or `ended()`. Errors are in the result, not raised, and the rig is left as
+        after `capture`. `tell` receives each picture."""
         from pdcd.capture.live import run_live_view  # nobody else waits for finders
 
         return run_live_view(
@@ -305,8 +307,9 @@ class Engine:
         emit: Emit = _unheard,
         listener: StreamListener,
     ) -> CaptureResult:
-        """Take photo after photo by one plan until the listener ends it or its time is over, with
-        the promises of `capture`. `emit` is told of the first photos, and of runs made of them."""
+        """Take photo after photo with one plan until the listener ends it or its time is over, with
+        the guarantees of `capture`. `emit` hears of the first photos, and of runs made from
+        them."""
         from pdcd.capture.streaming import StreamBench, run_stream  # no capture waits for it
 
         notes = (*filter(None, [self._note]), *self._rig.display_warnings)
@@ -327,14 +330,14 @@ class Engine:
         parent: HeldFolder | None = None,
         report: bool = False,
     ) -> CaptureResult:
-        """Run one job to its end; never raises for what goes wrong in it.
+        """Run one job to its end; errors of the job are in the result, not raised.
 
         When it returns, panels are black and the shutter is closed, whatever the result says; where
-        a device refuses that, its last warning says so.
+        a device refuses that, the last warning says so.
         `given` holds the arrays of the request: no file that a request names is opened here.
-        `emit(event)` is told of every step; `cancelled()` is asked at every one of them. The run
-        goes into `parent`, which stays open; without, to where request and configuration say.
-        With `report` it gets its page (`pdcd.pages.report`) at once, if that costs little.
+        `emit(event)` hears of every step; `cancelled()` is called at each of them. The run goes
+        into `parent`, which stays open; without it, to where request and configuration say. With
+        `report` it gets its page (`pdcd.pages.report`) at once, if that is cheap.
         """
         ordered = EngineJob(job, request, owner, emit, cancelled, given, report)
         safe, folder, run, failure = False, None, None, None
@@ -371,14 +374,15 @@ class Engine:
         proceed: Callable[[str], None] = _at_once,
         out: Path | None = None,
     ) -> CaptureResult:
-        """Have the bench measure itself; never raises for what goes wrong in it.
+        """Let the bench measure itself; errors of the job are in the result, not raised.
 
-        When it returns, panels are black and the shutter is closed, and what is not bad of the
-        calibration is in use from then on, also where it stopped. `proceed(text)` returns once
+        When it returns, panels are black and the shutter is closed. The results that are not bad
+        are in use from then on, also where the calibration stopped. `proceed(text)` returns once
         somebody has done what the text asks; `emit` and `cancelled` are those of `capture`. A mock
-        bench puts up its own card, if it shall be one. `out` : where its folder is made; None: in
-        the state folder, where others get a link, by which it is found.
-        Raises ConfigError where the rig cannot be as it was measured, which goes on as it was.
+        bench puts up its own card, if one is needed. `out` : where the folder is made; a link in
+        the state folder then leads to it. None: in the state folder itself.
+        Raises ConfigError where the rig cannot be made with the measured values; it then goes on as
+        it was.
         """
         from pdcd.capture.calibrate import FOLDERS, CalibrationRun  # no start waits for the steps
 
@@ -414,7 +418,7 @@ class Engine:
                 if whole and run is not None:
                     result = mark_kept(result, run.kept)
         result = result if safe else mark_unsafe(result)
-        # Only now: it is another rig that goes on.
+        # Only now: the rig may be another one from here on.
         if whole and not isinstance(failure, DeviceLost):
             self._adopt()
             result = mark_used(result, self._config)
@@ -425,7 +429,7 @@ class Engine:
         return find_state_dir(self._config) / CALIBRATIONS_FOLDER
 
     def _with_card(self) -> Rig:
-        """The rig before a white card: a mock bench has its scene taken away for the while."""
+        """The rig in front of a white card: the scene of a mock bench is taken away meanwhile."""
         if not self._rig.mock or self._config.scene.kind == CARD:
             return self._rig
         rows, cols = self.grid
@@ -440,17 +444,17 @@ class Engine:
         return rig
 
     def _adopt(self) -> None:
-        """Go on by the newest calibration, where the configuration asks for that."""
+        """Use the newest calibration from here on, where the configuration asks for that."""
         if self._asked.calibration.use != "latest":
             return
         was_open = self._rig.camera_info is not None
         self.stop()
         try:
             self._set_up(choose_calibration(self._asked))
-        finally:  # where what was measured cannot be, by the configuration as it was
+        finally:  # with the old configuration where the measured values cannot be used
             if was_open:
                 self.start()
 
     def _out(self, request: CaptureRequest) -> Path:
-        """The folder that runs go to when nobody holds one open."""
+        """The folder for runs where the caller holds none open."""
         return Path(request.out) if request.out else find_state_dir(self._config) / "captures"

@@ -1,4 +1,4 @@
-"""What came of one exposure of a rig."""
+"""The result of one exposure of a rig."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class RigExposure:
     raw: RawFile
     settings: CameraSettings
     held: Mapping[str, bytes] = field(default_factory=dict)
-    """What is in its RAW files, by their names, where these are in memory alone."""
+    """Contents of its RAW files, by name, where these are only in memory."""
 
     @property
     def open_s(self) -> float:
@@ -31,9 +31,9 @@ class RigExposure:
 
 
 def verify_times(log: FrameLog, photo: RawFile | PhotoFrame) -> FrameLog:
-    """The log, with its times proven where the camera counted every pulse that the panels were to
-    give. Raises PhotoError where it counted others, with what both drivers say to look at: codes
-    were lost, or shown twice."""
+    """The log, with verified times where the camera counted every pulse that the panels were to
+    give. Raises PhotoError where the numbers differ (codes were lost, or shown twice), with the
+    hints of both drivers."""
     if log.pulses is None or not isinstance(photo, PhotoFrame) or photo.pulses is None:
         return log
     if photo.pulses != log.pulses:
@@ -49,8 +49,8 @@ def verify_times(log: FrameLog, photo: RawFile | PhotoFrame) -> FrameLog:
 
 
 def with_row_times(log: FrameLog, info: DisplayInfo | None) -> FrameLog:
-    """The log, with no dark times written out where the display could have had some: all logs of a
-    run tell of them, or none."""
+    """The log, with dark times of zero where the display could have had some: either all logs of a
+    run have dark times, or none."""
     if info is None or not info.row_times or log.dark_s is not None:
         return log
     return replace(log, dark_s=np.zeros(len(log)))

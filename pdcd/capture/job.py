@@ -1,4 +1,4 @@
-"""One job: as it was ordered, who is told how it goes, and what is said of it when it has ended."""
+"""One job: its order, who hears of its progress, and the messages at its end."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ from pdcd.watch import Watch
 logger = logging.getLogger(__name__)
 
 MAX_NAMED = 8
-"""Most missing shots that are named."""
+"""Most missing shots that are listed."""
 
 _Summary = dict[str, SummaryValue]
 
 TOLD = 64
-"""Most warnings in a result, which is one line of the socket; the manifest has all of them."""
+"""Most warnings in a result, which is one line on the socket; the manifest has all of them."""
 
 
 @dataclass(frozen=True)
 class EngineJob:
-    """What is wanted, by whom, and the two lines to whoever waits for it."""
+    """What is wanted, by whom, and two callbacks to whoever waits for it."""
 
     name: str
     request: CaptureRequest
@@ -60,7 +60,7 @@ class EngineJob:
     given: Given = field(default_factory=dict)
     """The arrays of the request."""
     report: bool = False
-    """Whether a page of the run is to be made at its end, where it is soon made."""
+    """Whether to make a page of the run at its end, if that is quick."""
 
     def look_for_cancel(self) -> None:
         """Raise Cancelled when somebody asked for it."""
@@ -68,7 +68,7 @@ class EngineJob:
             raise Cancelled("the job was cancelled")
 
     def watch(self) -> Watch:
-        """Tells the client how far the making of pictures is, and looks for a cancel."""
+        """Reports the progress of the pictures to the client, and checks for a cancel."""
 
         def step(done: float, total: float) -> None:
             self.emit(DecodingProgress(done=done, total=total))
@@ -81,7 +81,7 @@ class EngineJob:
 
 
 def make_planning_watch(emit: Emit, look_for_cancel: Callable[[], None]) -> Watch:
-    """Tells how far a plan is; `look_for_cancel` may raise to end it."""
+    """Reports the progress of a plan; `look_for_cancel` may raise to end it."""
 
     def step(done: float, total: float) -> None:
         emit(PlanningProgress(stage=watch.stage, done=done, total=total))
@@ -92,7 +92,7 @@ def make_planning_watch(emit: Emit, look_for_cancel: Callable[[], None]) -> Watc
 
 @dataclass(frozen=True)
 class Journal:
-    """Tells of a job as it goes, and writes down what the user must know at its end."""
+    """Reports the progress of a job, and collects what the user must know at its end."""
 
     job: EngineJob
     folder: RunFolder
@@ -101,7 +101,7 @@ class Journal:
     ledger: RunLedger
 
     def notify(self, event: Event) -> None:
-        """Tell the client and log.jsonl; then see whether the job is still wanted."""
+        """Tell the client and log.jsonl; then check whether the job is still wanted."""
         self.folder.log(to_log_entry(event, self.clock.now_ns()))
         self.job.emit(event)
         self.job.look_for_cancel()
@@ -116,7 +116,7 @@ class Journal:
 def list_run_warnings(
     developed: DevelopedRun, config: Config, profile: SensorProfile, *, mock: bool
 ) -> Iterator[str]:
-    """What the user must know of a finished run beside what happened in its shots."""
+    """What the user must know of a finished run, in addition to what happened in its shots."""
     for name, blown in developed.saturated.items():
         if blown:
             yield f"shot {name}: {blown} pixels are saturated"
@@ -145,7 +145,7 @@ def list_run_warnings(
 
 
 def summarise_run(plan: PlanSummary, developed: DevelopedRun) -> _Summary:
-    """A finished run in figures."""
+    """The figures of a finished run."""
     record = developed.record
     how = record.how
     parts = max(developed.parts, 1)
@@ -214,10 +214,10 @@ def make_manifest(
     missing: Sequence[str] = (),
     not_kept: Mapping[str, FileRecord] = MappingProxyType({}),
 ) -> Manifest:
-    """The manifest of a run that began like that and went by this plan in the end.
+    """The manifest of a run that began like that, and of its final plan.
 
-    `files` is all that lies in its folder; `missing` are planned shots that do not, which makes the
-    run a partial one; `not_kept` are RAW files that nobody wanted to keep.
+    `files` are all files in its folder; `missing` are planned shots that are not there, which makes
+    the run a partial one; `not_kept` are RAW files that are not to be kept.
     """
     return Manifest(
         schema=SCHEMA_VERSION,
@@ -246,9 +246,9 @@ def make_manifest(
 
 
 def merge_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
-    """Warnings as a result has them: what was said of many shots in the same words is said once.
+    """Warnings for a result: those of several shots with the same words are merged into one.
 
-    Of a run of a thousand shots each may have the same to say.
+    In a run of a thousand shots, each may give the same warning.
     """
     heads: dict[str, list[str]] = {}
     for text in warnings:
@@ -275,8 +275,8 @@ def describe_shots_taken(taken: int, planned: int, missing: Sequence[str]) -> st
 
 
 def _shown(text: str, path: Path, where: Path) -> str:
-    """A text with what people call a folder in the place of its path by our descriptor, which the
-    work process knows by our number."""
+    """A text in which a path by our descriptor is replaced by the folder's usual name; the work
+    process knows that path by our process number."""
     ours = rf"/proc/(?:self|{os.getpid()})/fd/{path.name}(?!\d)"
     return re.sub(ours, lambda _: str(where), text)
 
@@ -292,17 +292,17 @@ def make_failure(
     warnings: Sequence[str] = (),
     log: bool = True,
 ) -> CaptureResult:
-    """The result of a job that did not finish; its folder keeps the name that says so.
+    """The result of a job that did not finish; its folder keeps its unfinished name.
 
-    `log` : whether it is written into the folder, which is not whole yet.
-    `safe` is whether panels are black and the shutter is closed; log.jsonl keeps it. `taken` says
-    which of its shots are there, where any is. `warnings` are those that it gave until then.
+    `log` : whether to write it into the folder, which must not be complete then.
+    `safe` : whether panels are black and the shutter is closed; log.jsonl keeps it. `taken` : which
+        of its shots are there, where any is. `warnings` : those given until then.
     """
     cancelled = isinstance(error, Cancelled)
     fields = to_error_fields(error)
     where = None if folder is None else folder.where
     if folder is not None and where is not None:
-        # Nobody else could follow the path through our descriptor.
+        # A path through our descriptor is of no use to anyone else.
         for key in ("message", "device"):
             text = fields[key]
             fields[key] = None if text is None else _shown(text, folder.path, where)
@@ -332,13 +332,13 @@ def mark_unsafe(result: CaptureResult) -> CaptureResult:
 
 
 def mark_kept(result: CaptureResult, steps: tuple[str, ...]) -> CaptureResult:
-    """The result of a calibration that stopped, with what it found until then."""
+    """The result of a calibration that stopped, with a list of what it found until then."""
     text = f"kept: {', '.join(steps)}; pdcd calibrate goes on from there"
     return msgspec.structs.replace(result, warnings=(*result.warnings, text))
 
 
 def mark_used(result: CaptureResult, config: Config) -> CaptureResult:
-    """The result of a calibration, with whether it is the one in use from now on."""
+    """The result of a calibration, with a note whether it is in use from now on."""
     used = Path(config.calibration.use).resolve() == Path(str(result.folder)).resolve()
     return msgspec.structs.replace(result, summary={**result.summary, "used": int(used)})
 
@@ -377,7 +377,8 @@ def describe_rig(rig: Rig) -> RigView:
 
 
 def to_job_error(err: BaseException, what: str, job: str) -> PdcdError:
-    """What a job ended by; a fault of the program is logged, and told as one. Raises interrupts."""
+    """The error with which a job ended; a fault of the program is logged. Raises KeyboardInterrupt
+    again."""
     if isinstance(err, KeyboardInterrupt):
         raise err
     typed = to_typed_error(err)

@@ -1,4 +1,4 @@
-"""What a calibration found is kept as each step ends; where one stopped, the next goes on."""
+"""Keeps the results of a calibration as each step ends; where one stopped, the next goes on."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ from pdcd.words import VerdictName
 logger = logging.getLogger(__name__)
 
 _GOES_ON_H = 12.0
-"""Hours after which what a stopped calibration found is measured again: lamp and room of another
-day are others."""
+"""Hours after which the results of a stopped calibration are measured again: lamp and room may
+differ on another day."""
 _ORDER: tuple[VerdictName, ...] = ("good", "doubtful", "bad")
 _State = Literal["running", "done", "failed", "cancelled"]
 
@@ -63,9 +63,9 @@ class PreviousCalibration:
 class CalibrationKeeper:
     """The folder of one calibration, which is a sound calibration after every step.
 
-    config : what is believed. typed : the same without measured values. before : the calibration
-    in use; `names` of its steps are taken over. write : writes what is kept so far into a folder of
-    that name below, and returns the values.
+    config : in use. typed : the same without measured values. before : the previous calibration,
+        whose steps `taken_over` are not measured again. write : writes the results so far into a
+        new folder of that name, and returns the values.
     """
 
     config: Config
@@ -89,12 +89,12 @@ class CalibrationKeeper:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Steps whose values are used, those taken over left out."""
+        """Steps whose values are used, without those taken over."""
         return tuple(step.name for step in self._kept_steps)
 
     @property
     def verdict(self) -> VerdictName:
-        """The worst of all steps so far."""
+        """The worst verdict of all steps so far."""
         return _ORDER[max((_ORDER.index(step.verdict) for step in self.steps), default=0)]
 
     def keep(self, found: StepResult) -> None:
@@ -124,9 +124,10 @@ class CalibrationKeeper:
         self._kept, self._measured = root / name, measured
 
     def finish(self, state: _State, stopped: CalibrationStop | None = None) -> str:
-        """Make the folder whole with what is kept, and give it its name; returns its digest.
+        """Complete the folder with what is kept, and give it its final name; returns its digest.
 
-        Raises NoSpaceError and DiskError; what is kept stays then."""
+        Raises NoSpaceError and DiskError; what is kept then stays.
+        """
         root = self.folder.path
         if self._kept is not None:
             with disk_errors(str(self.folder.where)):
@@ -148,8 +149,8 @@ class CalibrationKeeper:
         return sha256
 
     def end_early(self, step: str, err: Exception) -> bool:
-        """Finish a calibration that ends by an error with what its steps found until then; whether
-        there is anything. Raises nothing."""
+        """Complete the folder of a calibration that ends with an error, with the results until
+        then. Returns whether there are any. Raises nothing."""
         if not self.names:
             return False
         state: _State = "cancelled" if isinstance(err, Cancelled) else "failed"
@@ -174,7 +175,7 @@ class CalibrationKeeper:
         return [step for step in self.steps[1:] if step.name not in self.left_out]
 
     def _files(self, new: Path) -> dict[str, CalibrationFile]:
-        """The files that belong to what is kept: those of steps before are as they were."""
+        """The files that belong to what is kept: all photos, and other files as they are now."""
         photos = [photo for step in self.steps for photo in step.photos]
         files = {photo.raw: CalibrationFile(photo.sha256, photo.size_bytes) for photo in photos}
         for name, found in self.folder.hashes(
@@ -184,8 +185,8 @@ class CalibrationKeeper:
         return files
 
     def _carry_over(self, measured: dict[str, MeasuredValue], into: Path) -> None:
-        """Take over what this calibration did not measure from the one before, but for what it made
-        untrue. Raises NoSpaceError and DiskError."""
+        """Take over from the previous calibration what this one did not measure, except for what it
+        invalidated. Raises NoSpaceError and DiskError."""
         if self.before is None:
             return
         folder, names = self.before.folder, {step.name for step in self._kept_steps}
@@ -277,8 +278,8 @@ def find_reusable_steps(
     names: tuple[str, ...],
     now: datetime | None = None,
 ) -> dict[str, str]:
-    """Steps of `names` that need not be taken again, and when they were: those that a calibration
-    found which was to be the same, but stopped not long ago. None where steps were named."""
+    """Steps of `names` that need not be repeated, and when they were measured: those that an equal
+    calibration, which stopped recently, has completed. Empty where steps were named."""
     if before is None or request.anew or request.steps:
         return {}
     record = before.record
@@ -310,6 +311,6 @@ def describe_reused_steps(before: PreviousCalibration, over: Mapping[str, str]) 
 
 
 def measure_age_h(made_utc: str, now: datetime | None = None) -> float:
-    """Hours since then; infinite where nobody can tell, or where it is yet to come."""
+    """Hours since then; infinite where the time is unknown, or in the future."""
     hours = compute_age_h(made_utc, now)
     return hours if hours > -0.1 else float("inf")

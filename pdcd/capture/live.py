@@ -1,8 +1,9 @@
 """A live view: a pattern on the panels, and the camera's finder, until somebody ends it.
 
-The finder has a thread of its own. A camera that is not done, or hangs, holds the finder's thread,
-which is left behind, and not the rig's: panels go black, and the job ends. Who wants the camera
-next waits until its last picture must have come, and then is told that it hangs.
+The finder has a thread of its own. A camera that is not done, or hangs, blocks only the finder's
+thread, which is left behind, not the rig's: panels go black, and the job ends. The next job that
+needs the camera waits until its last picture is due, and then fails with the message that the
+camera hangs.
 """
 
 from __future__ import annotations
@@ -30,14 +31,14 @@ from pdcd.protocol.views import LiveFrame
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.05
-"""Time between two looks for a cancel."""
+"""Time between two checks for a cancel."""
 _MOST_HZ = 30.0
-"""Pictures a second at most: nobody sees more, and they are worked for."""
+"""Most pictures per second: nobody sees more, and each costs work."""
 _SILENT_S, _FIRST_S = 5.0, 60.0
-"""How long a finder may take over a picture, and until its first: some work it out. Of photos, how
-long one may take is said by `camera.fetch_timeout_s`."""
+"""How long a finder may take for a picture, and in addition for its first: some compute it. For
+photos, `camera.fetch_timeout_s` is the limit."""
 _OVER_S = 2.0
-"""What a call gets beyond its time, before it is taken for one that hangs."""
+"""Time that a call gets beyond its limit before it counts as hanging."""
 _GRACE_S = 2.0
 """How long a finder may take to end, with the panels black already."""
 
@@ -47,7 +48,8 @@ _Came = tuple[int, NDArray[np.uint8]]
 
 
 class FinderThread:
-    """Asks a finder for one picture after the other in a thread of its own. The newest counts."""
+    """Asks a finder for one picture after the other in a thread of its own. Only the newest is
+    kept."""
 
     def __init__(self, finder: Preview, longest_s: float) -> None:
         self._finder, self._longest_s = finder, longest_s
@@ -59,18 +61,18 @@ class FinderThread:
         self._thread = threading.Thread(target=self._run, name="pdcd-finder", daemon=True)
 
     def start(self) -> None:
-        """Begin to ask."""
+        """Start the thread."""
         self._expect(_FIRST_S)
         self._thread.start()
 
     @property
     def is_late(self) -> bool:
-        """Whether the next picture ought to have come."""
+        """Whether the next picture is overdue."""
         return time.monotonic() > self._due_s
 
     def wait(self, heard: Callable[[], object]) -> None:
-        """Wait until it has left the finder. `heard()` is called meanwhile and may raise. Raises
-        DeviceLost where its last picture takes longer than it may."""
+        """Wait until the thread has left the finder. `heard()` is called meanwhile and may raise.
+        Raises DeviceLost where the last picture is overdue."""
         while self._thread.is_alive():
             if self.is_late:
                 raise _make_lost()
@@ -88,7 +90,7 @@ class FinderThread:
         return came
 
     def end(self, within_s: float) -> bool:
-        """Ask no more; whether the finder was left in order within that time."""
+        """Stop asking; returns whether the finder was left in order within that time."""
         self._ends.set()
         self._thread.join(within_s)
         return not self._thread.is_alive()
@@ -108,7 +110,7 @@ class FinderThread:
                 self._changed.notify_all()
 
     def _expect(self, more_s: float = 0.0) -> None:
-        """A picture is to come within what one may take, and so many seconds."""
+        """Expect a picture within the time that one may take, plus so many seconds."""
         self._due_s = time.monotonic() + more_s + self._longest_s + _OVER_S
 
     def _ask(self) -> None:
@@ -131,12 +133,12 @@ def run_live_view(
     cancelled: _Asked,
     ended: _Asked,
 ) -> CaptureResult:
-    """Hold the first of the frames that `draw` makes (None: black) and tell of each picture until
-    the end; never raises for what goes wrong. On return panels are black and the shutter is closed,
-    or its last warning says that they may not be.
+    """Hold the first of the frames that `draw` makes (None: black) and report each picture until
+    the end; errors are in the result, not raised. On return panels are black and the shutter is
+    closed, or the last warning says that they may not be.
 
-    `cancelled()` ends it as a job that was cancelled, `ended()` as one that is done; both are asked
-    at least ten times a second. Called by `Engine.live` in the rig's thread.
+    `cancelled()` ends it as a cancelled job, `ended()` as a finished one; both are called at least
+    ten times a second. Called by `Engine.live` in the rig's thread.
     """
     thread: FinderThread | None = None
     made: LiveFrames | None = None
@@ -173,7 +175,7 @@ def run_live_view(
 
 
 def _make_finder(rig: Rig) -> tuple[Preview, float]:
-    """The finder of the camera, by the driver that reads it out, else one that takes photos; and
+    """The finder of the camera, from the driver that reads it out, else one that takes photos; and
     how long a picture of it may take. Raises DriverUnavailable, ConfigError."""
     name = rig.config.camera.driver
     if ("preview", name) not in list_known_drivers():
@@ -189,7 +191,7 @@ def _pass_on(
     cancelled: _Asked,
     ended: _Asked,
 ) -> None:
-    """Tell of each picture until the end. Raises what ends it otherwise."""
+    """Report each picture until the end. Raises what else ends it."""
     while not ended():
         if cancelled():
             raise _make_end()
@@ -201,7 +203,8 @@ def _pass_on(
 
 
 def _make_dark(rig: Rig, thread: FinderThread | None) -> bool:
-    """Panels black first, then the finder ended, then all made safe; whether it is."""
+    """Make panels black first, then end the finder, then make all safe; returns whether that
+    succeeded."""
     try:
         with rig.context.patience.deaf():
             rig.display.black()

@@ -1,4 +1,5 @@
-"""What a live view tells of each picture: sharpness, brightness, saturation, where the field is."""
+"""Figures of each picture of a live view: sharpness, brightness, saturation, and where the field
+is."""
 
 from __future__ import annotations
 
@@ -18,15 +19,16 @@ from pdcd.protocol.views import LiveFrame
 from pdcd.sensor.finder_picture import read_finder_light
 
 _MOST_PX = 800
-"""Longest side of a picture that is sent on: as a JPEG it is far below a line of the socket."""
+"""Longest side of a picture that is sent on: as a JPEG it then fits easily into a line of the
+socket."""
 _FINE_PX = 2.0
-"""Standard deviation, in pixels of the camera, of the blur that takes detail away."""
+"""Standard deviation, in pixels of the camera, of the blur that removes fine detail."""
 _WHITE = 254
 """Level from which a pixel of a JPEG is white."""
 _EDGE_POINTS = 12
 """Points of the field's outline on each side: maps may bend it."""
 _RATE_S, _LEAST_S = 2.0, 0.25
-"""Time over which pictures are counted, and of which nothing can be told yet."""
+"""Time over which pictures are counted, and time below which no rate is given yet."""
 
 _Outline = tuple[tuple[float, float], ...]
 
@@ -38,7 +40,7 @@ class PictureRate:
         self._came_s: deque[float] = deque()
 
     def count(self, now_s: float) -> float:
-        """Pictures a second, lately, with one that came now."""
+        """Count a picture that came now; returns the recent rate in pictures per second."""
         self._came_s.append(now_s)
         while now_s - self._came_s[0] > _RATE_S and len(self._came_s) > 2:
             self._came_s.popleft()
@@ -47,7 +49,7 @@ class PictureRate:
 
 
 class LiveFrames:
-    """The pictures of one live view, in their order."""
+    """Makes the frames of one live view, in their order."""
 
     def __init__(self, config: Config, frame_quads: tuple[int, int] | None) -> None:
         """frame_quads : width and height of the camera's photos, where they are known."""
@@ -58,7 +60,7 @@ class LiveFrames:
         self._best = 0.0
 
     def make(self, picture: NDArray[np.uint8], came_ns: int) -> LiveFrame:
-        """What is told of a picture. Raises ExposureError for what is none."""
+        """The frame for a picture. Raises ExposureError for an array that is not a picture."""
         if picture.dtype != np.uint8 or 0 in picture.shape or picture.shape[2:] not in ((), (3,)):
             raise ExposureError(
                 f"the finder gave no picture but {picture.dtype} of {picture.shape}",
@@ -87,7 +89,7 @@ class LiveFrames:
         )
 
     def _inside(self, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-        """1 for the pixels of the field; for all, where nothing of it is seen."""
+        """1 for the pixels of the field; 1 for all pixels where nothing of the field is seen."""
         if shape not in self._masks:
             drawn = np.zeros(shape, np.uint8)
             if self._outline:
@@ -99,7 +101,7 @@ class LiveFrames:
 
 def find_field_outline(config: Config, frame_quads: tuple[int, int] | None) -> _Outline:
     """Edge of the field in a picture of the camera, 0..1 right and down, by the calibration in use
-    or the places of the configuration; () where these do not say."""
+    or by the places in the configuration; () where neither gives it."""
     place = config.camera.place
     if isinstance(place.map, Map):
         frame_quads = place.map.size_px
@@ -122,8 +124,9 @@ def find_field_outline(config: Config, frame_quads: tuple[int, int] | None) -> _
 
 
 def measure_detail(light: NDArray[np.float32], inside: NDArray[np.uint8]) -> float:
-    """How deep the finest detail is: amplitude over mean light, as the focus of a calibration has
-    it of its stripes; here of whatever is seen, so that it compares with itself alone.
+    """How deep the finest detail is: amplitude over mean light, the measure that the focus step of
+    a calibration uses for its stripes. Here it depends on the scene, so values are comparable only
+    with each other.
 
     light : (h, w), linear. inside : (h, w), 1 where it counts.
     """

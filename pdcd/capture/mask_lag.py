@@ -1,4 +1,4 @@
-"""By how much the mask is later than the projector, as far as a display can tell."""
+"""How much later the mask is than the projector, as far as the display can measure it."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ from pdcd.panels.schedule import build_frames
 logger = logging.getLogger(__name__)
 
 _BLACK_REFRESHES = 30
-"""By which the lag of a mask is looked at whose display does not tell it: half a second."""
+"""Black refreshes that are logged where the display does not report the mask's lag: half a
+second."""
 _STEADY = 0.02
-"""Share of a refresh by which that may change meanwhile: panels on clocks of their own drift."""
+"""Largest change of the lag meanwhile, in refreshes: panels on clocks of their own drift."""
 
 
 def tell_mask_lag_s(
     display: Display, info: DisplayInfo, config: Config, grid: tuple[int, int], *, look: bool
 ) -> float | None:
-    """Lag of the mask of an open display as it tells it; where it does not, and the mask was
-    measured to be late, as it logs some black refreshes, if `look`. The rig asks, for its plans.
+    """Lag of the mask as its open display reports it. Where the display does not report one, and
+    the mask was measured to be late, the lag is taken from the log of some black refreshes, if
+    `look`. The rig needs it for its plans.
 
-    None where nobody knows, or the lag drifts. Raises DeviceLost for a display that is gone.
+    None where it is unknown, or drifts. Raises DeviceLost for a display that is gone.
     """
     skew_s = config.mask.skew_s - config.projector.skew_s
     if info.mask_lag_s is not None or not (look and skew_s):

@@ -1,7 +1,7 @@
-"""A shutter that moves while the panels show their frames, from the display's signs of progress.
+"""Moves a shutter while the panels show their frames, at the display's signs of progress.
 
-One thread calls all devices, and while a display plays it is the display that has it. So the
-shutter is moved when the display says how far it is.
+One thread calls all devices, and a display keeps it while it plays. So the shutter is moved when
+the display reports its progress.
 """
 
 from __future__ import annotations
@@ -14,16 +14,17 @@ from pdcd.errors import ExposureError, PdcdError
 from pdcd.protocol.events import Emit, ShutterClosed, ShutterOpen
 
 _EARLY_NS = 150_000_000
-"""So long before the shutter is to close, a call waits for that: the next one might come late."""
+"""A call waits for the shutter's closing from so long before it: the next call might come too
+late."""
 
 
 @dataclass
 class MovingShutter:
-    """To be called as `Display.play` calls its `progress`, and passes that on.
+    """To be called as the `progress` of `Display.play`; it passes the call on.
 
     cancelled : whether the job is to end. open_ns, close_ns : when the shutter was surely open, and
-    surely closed; None before that. failure : what went wrong in moving it. It must not be raised
-    through a display that plays: `over` has it end, and `ended` raises.
+        surely closed; None before that. failure : the error in moving it. It must not be raised
+        through a display that plays: `over` makes the display end, and `ended` raises.
     """
 
     shutter: Shutter
@@ -38,7 +39,7 @@ class MovingShutter:
     close_ns: int | None = None
 
     def __call__(self, frame: int, frames: int, missed: int) -> None:
-        """Open or close where it is time to; closing may wait for `_EARLY_NS`."""
+        """Open or close the shutter when it is time; closing may wait for `_EARLY_NS`."""
         self.progress(frame, frames, missed)
         if self.failure is not None:
             return
@@ -48,7 +49,7 @@ class MovingShutter:
             self.failure = err
 
     def over(self) -> bool:
-        """Whether the display is to end, to be asked as `Display.play` asks `cancelled`."""
+        """Whether the display is to end; to be passed to `Display.play` as `cancelled`."""
         return self.failure is not None or self.cancelled()
 
     def _move(self, frame: int) -> None:
@@ -66,8 +67,8 @@ class MovingShutter:
     def ended(self) -> tuple[int, int]:
         """`open_ns` and `close_ns`, once the frames are over.
 
-        Raises `failure`, and ExposureError when they were over first; the shutter is closed then,
-        too.
+        Raises `failure`, and ExposureError when the frames ended before the shutter had closed; the
+        shutter is closed then, too.
         """
         if self.failure is not None:
             raise self.failure

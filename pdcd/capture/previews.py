@@ -1,4 +1,4 @@
-"""Previews are looked at once: of their folders the last few are kept."""
+"""Previews are looked at once: only the last few of their folders are kept."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ PREVIEWS_KEPT = 8
 """Previews that stay on the disk."""
 
 _OWN = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]{4}(\.partial)?")
-"""How previews are called: by their job, which begins with the time."""
+"""Names of previews: those of their jobs, which begin with the time."""
 
 
 def remove_old_previews(folder: Path) -> None:
-    """Remove all previews below `folder` but the last `PREVIEWS_KEPT`; whatever else lies there
-    stays.
+    """Remove all previews below `folder` but the last `PREVIEWS_KEPT`; anything else there stays.
 
-    What cannot be removed is logged and left: a full disk or a lost right is no reason to fail.
+    What cannot be removed is logged and left: a full disk or a lost permission is no reason to
+    fail.
     """
     try:
         found = [p for p in folder.iterdir() if _OWN.fullmatch(p.name) and not p.is_symlink()]
@@ -41,7 +41,7 @@ def remove_old_previews(folder: Path) -> None:
 
 
 def read_preview(result: CaptureResult) -> PreviewView:
-    """What is told of a preview that was taken. Raises the error that its photo ended by."""
+    """The view of a preview that was taken. Raises the error with which its photo ended."""
     if result.folder is None or result.state != "done":
         raise restore_error(result.error)
     folder = Path(result.folder)

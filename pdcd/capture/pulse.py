@@ -1,4 +1,4 @@
-"""What passes between drivers that wait and the job that they wait for."""
+"""Connects drivers that wait with the job that they wait for."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Pulse:
 
     @contextmanager
     def of_job(self, cancelled: Callable[[], bool]) -> Iterator[None]:
-        """Let them go to a job, and its cancel to the drivers."""
+        """Pass signs of life to a job, and its cancel to the drivers."""
         self.heard_by = cancelled
         try:
             yield

@@ -1,4 +1,4 @@
-"""A finder for cameras that have none: short photos, one after the other, as fast as they come."""
+"""A finder for cameras without one: short photos, one after the other, as fast as possible."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import read_raw, to_colours
 
 _FIRST_S, _SHORTEST_S, _LONGEST_S = 0.05, 0.002, 0.2
-"""Exposures: the first one, and those that it may come to."""
+"""Exposures: the first one, and their shortest and longest."""
 _MOST_STEP = 8.0
-"""By how much an exposure may differ from the one before it."""
+"""Largest factor from one exposure to the next."""
 _SATURATED, _MOST_SATURATED = 0.98, 0.05
-"""Light from which a quad is saturated, and the share that may be."""
+"""Light from which a quad is saturated, and the share of quads that may be."""
 _STOP = 5.6
-"""Stop that a lens is set to, or near it, where the configuration has none."""
+"""Aperture of the lens, or the nearest to it, where the configuration gives none."""
 _MOST_QUADS = 640
-"""Quads along the longer side that are looked at; of more every n-th is taken."""
+"""Quads along the longer side that are used; from more, every n-th is taken."""
 
 
 class RawFinder:
-    """Shutter and readout of a rig as `Preview`: exposes by itself. The panels are lit meanwhile,
-    so that such photos are looked at and never measured."""
+    """Shutter and readout of a rig as a `Preview`, which chooses its exposures itself. The panels
+    are lit meanwhile, so such photos are only looked at, never measured."""
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
         self._exposure_s = _FIRST_S
 
     def connect(self) -> dict[str, str]:
-        """The rig has opened its devices already."""
+        """Nothing to do: the rig has opened its devices already."""
         return {}
 
     def grab(self, timeout_s: float) -> NDArray[np.uint8]:
@@ -50,7 +50,7 @@ class RawFinder:
             step = 1.0 / _MOST_STEP
         wanted_s = self._exposure_s * min(max(step, 1.0 / _MOST_STEP), _MOST_STEP)
         self._exposure_s = min(max(wanted_s, _SHORTEST_S), _LONGEST_S)
-        # What the next exposure does not make up for.
+        # Light that the next exposure does not make up for.
         gain = 1.0 if step <= 1.0 else min(step, _MOST_STEP)
         shown = light[..., 0] if light.shape[-1] == 1 else light
         return draw_finder_picture(shown * gain)
@@ -61,7 +61,7 @@ class RawFinder:
             self._rig.shutter.close()
 
     def _expose(self, folder: Path, timeout_s: float) -> Floats:
-        """The light of one photo at some of its quads, 1 being white, (h, w, C)."""
+        """The light of one photo at some of its quads, with 1 for white, (h, w, C)."""
         rig, config = self._rig, self._rig.config
         info = rig.camera_info
         fixed = config.camera.f_number
@@ -86,7 +86,7 @@ class RawFinder:
         rig.context.shared.exposed_ns = open_ns, close_ns
         photo = rig.readout.fetch(folder, "live", timeout_s)
         light = _read_frame(photo) if isinstance(photo, PhotoFrame) else _read_file(photo)
-        # White is white.
+        # White balance: a white scene has equal colours.
         if info is None:
             return light
         return np.asarray(light * info.responsivity_e.max() / info.responsivity_e)
@@ -100,7 +100,7 @@ def _read_file(photo: RawFile) -> Floats:
 
 
 def _read_frame(photo: PhotoFrame) -> Floats:
-    """The same of samples in memory. Raises ExposureError for a mosaic that is not known."""
+    """The same for samples in memory. Raises ExposureError for an unknown mosaic."""
     step = max(1, -(-max(photo.samples.shape) // (2 * _MOST_QUADS)))
     black = np.broadcast_to(np.asarray(photo.black, np.float64).ravel(), 4)
     span = photo.white - float(black.mean())

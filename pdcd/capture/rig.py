@@ -58,13 +58,13 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 _LAST_PHOTOS = 9
-"""Photos by whose median it is known what a photo costs."""
+"""Photos over which the median time of a readout is taken."""
 
 _Progress = Callable[[int, int, int], None]
 
 
 class _StoredPhoto(NamedTuple):
-    """A photo's file, what is in it and others where these are in memory alone, and what the
+    """A photo's file, the contents of its files where these are only in memory, and what the
     camera's driver handed over."""
 
     raw: RawFile
@@ -76,10 +76,11 @@ class Rig:
     """Display, shutter and readout of a configuration, on one clock."""
 
     def __init__(self, config: Config, broken_off: Callable[[], bool] = lambda: False) -> None:
-        """`broken_off()`: whether nothing is to be waited for any more, asked in any thread.
+        """`broken_off()`: whether no waiting is wanted any more; called in any thread.
 
-        Raises ConfigError for a place on the field that a device cannot have, before any driver
-        is made; DriverUnavailable for a driver that is not there."""
+        Raises ConfigError for an impossible place of a device on the field, before any driver is
+        made; DriverUnavailable for a driver that is not there.
+        """
         for device, why in find_place_faults(config):
             raise ConfigError(f"{device}.place: {why}", device=device)
         self.config = config
@@ -108,16 +109,15 @@ class Rig:
         self._readouts_ns: deque[int] = deque(maxlen=_LAST_PHOTOS)
         self._photos: set[str] = set()
         self.deaf_since_s: float | None = None
-        """Since when, on the clock that does not step, devices are being made safe; for any
-        thread."""
+        """Time, on a monotonic clock, since which devices are being made safe; for any thread."""
         self._left: tuple[Frames | None, int | None] = None, None
-        """Of the last exposure: its frames, and since when panels are black."""
+        """Frames of the last exposure, and the time since which panels are black."""
         self.look_at_finder: Callable[[], object] = lambda: None
         """Raises DeviceLost while the camera hangs in a live view that was left behind."""
 
     @property
     def camera(self) -> CameraInfo | None:
-        """What is known of an open camera, what its photos were seen to cost included."""
+        """What is known of an open camera, including the measured time of a readout."""
         info = self.camera_info
         if info is None or not self._readouts_ns:
             return info
@@ -125,19 +125,19 @@ class Rig:
 
     @property
     def scene(self) -> Scene | None:
-        """The scene that photos are of, where a driver knows it (the mock camera does); None for a
-        real camera, whatever it stands before."""
+        """The scene in the photos, where a driver knows it (the mock camera does); None for a real
+        camera, whatever it is pointed at."""
         return self._virtual_scene if self._context.shared.photographed else None
 
     @property
     def _virtual_scene(self) -> Scene | None:
-        """The scene of a mock bench any part of which is in use."""
+        """The scene of a mock bench of which any part is in use."""
         scene = self._context.shared.scene
         return scene if isinstance(scene, Scene) else None
 
     @property
     def display_warnings(self) -> tuple[str, ...]:
-        """What the display says of its panels that the user must know."""
+        """Warnings of the display about its panels, for the user."""
         return () if self.display_info is None else self.display_info.warnings
 
     @property
@@ -148,7 +148,7 @@ class Rig:
 
     @property
     def cells_meet(self) -> bool:
-        """Whether no panel can lie elsewhere: on a mock bench of cells."""
+        """Whether panels cannot be misplaced, as on a mock bench of cells."""
         return self._context.shared.cells_meet
 
     @property
@@ -158,7 +158,7 @@ class Rig:
 
     @property
     def mixed(self) -> str | None:
-        """What to know of a rig with a real camera and virtual devices; None for any other."""
+        """A note for a rig with a real camera and virtual devices; None for any other."""
         config = self.config
         virtual = [
             role
@@ -178,7 +178,7 @@ class Rig:
         )
 
     def look_at_camera(self) -> CameraInfo:
-        """What the camera is; one that is not open is opened for the question only."""
+        """What the camera is; one that is not open is opened just for the question."""
         if self.camera_info is not None:
             return self.camera_info
         try:
@@ -187,11 +187,12 @@ class Rig:
             self.readout.disconnect()
 
     def _as_measured(self, camera: CameraInfo) -> CameraInfo:
-        """What a driver says of its camera, with what the configuration knows of it: that was
-        measured, or typed by somebody, and a driver may only guess.
+        """The driver's description of its camera, with what the configuration gives instead: that
+        was measured, or typed by somebody, while a driver may only guess.
 
-        Raises ConfigError for a sensor whose photos cannot be read, or whose answer to light has
-        another number of colours."""
+        Raises ConfigError for a sensor whose photos cannot be read, or whose responsivity has
+        another number of colours.
+        """
         if load_profile(self.config.camera.profile).colours == 1:
             camera = replace(camera, cfa=None)
         if camera.cfa not in (None, *CFAS):
@@ -213,15 +214,14 @@ class Rig:
         return replace(camera, responsivity_e=light)
 
     def cover(self, covered: bool) -> None:
-        """Cover the projector's lens, or uncover it, for the exposures to come: of a mock bench. Of
-        any other somebody has to do it."""
+        """Cover or uncover the projector's lens for the exposures to come, on a mock bench. On any
+        other, a person has to do it."""
         self._context.shared.covered = covered
 
     def mask_lag_s(self, *, look: bool = True) -> float | None:
-        """Lag of the mask; see `pdcd.capture.mask_lag`. A display that is not open is opened for
-        the question only. look : whether a plan depends on it; black refreshes are not shown for a
-        word in its reasons.
-        """
+        """Lag of the mask; see `pdcd.capture.mask_lag`. A display that is not open is opened just
+        for the question. look : whether a plan depends on the lag; black refreshes are not shown
+        merely to mention it among a plan's reasons."""
         info = self.display_info
         try:
             return tell_mask_lag_s(
@@ -246,13 +246,14 @@ class Rig:
             raise
 
     def disconnect(self) -> None:
-        """Make safe, then release all devices; goes on past a device that fails."""
+        """Make safe, then release all devices, also where one of them fails."""
         self.make_safe()
         for device in (self.readout, self.shutter, self.display):
             release_device(type(device).__name__, device.disconnect, self._context.patience)
 
     def make_safe(self) -> bool:
-        """Both panels black and the shutter closed; whether they are. See `pdcd.capture.safety`."""
+        """Make both panels black and close the shutter; returns whether that succeeded. See
+        `pdcd.capture.safety`."""
         with self._deaf():
             return make_safe(self.display, self.shutter, self._context.patience)
 
@@ -261,13 +262,13 @@ class Rig:
         return make_safe_beside(self.display, self.shutter, self._context.patience, within_s)
 
     def _close(self) -> int:
-        """Close the shutter, cancelled or not."""
+        """Close the shutter, also after a cancel."""
         with self._deaf():
             return self.shutter.close()
 
     @contextmanager
     def _deaf(self) -> Iterator[None]:
-        """Devices are made safe, which hears no cancel; `deaf_since_s` tells."""
+        """While devices are made safe, ignore cancels; `deaf_since_s` shows it."""
         self.deaf_since_s = time.monotonic()
         try:
             with self._context.patience.deaf():
@@ -276,8 +277,8 @@ class Rig:
             self.deaf_since_s = None
 
     def refusal(self, frames: Frames) -> str | None:
-        """Why the display takes no such frames, in words; None where it does. Asked of frames of
-        pixels, which a driver that draws cells need not know; a device that is lost is raised."""
+        """Why the display refuses such frames, in words; None where it takes them. It is asked for
+        frames of pixels, which a driver that draws cells need not support. Raises DeviceLost."""
         try:
             self.display.load(frames)
         except (DeviceLost, Cancelled):
@@ -302,15 +303,16 @@ class Rig:
         again: bool = False,
     ) -> RigExposure:
         """Take one exposure of the frames and fetch its RAW file; `hold` keeps samples in memory.
-        `again` : nothing was done with the rig since the last, so what is loaded and dark stays so.
+        `again` : nothing was done with the rig since the last exposure, so what is loaded and dark
+        stays so.
 
-        The shutter opens and closes on panels that have settled to black, so its lag and jitter do
-        not matter, nor what the panels showed before. When the display gives up (SyncError), the
+        The shutter opens and closes on panels that have settled to black, so neither its lag and
+        jitter nor what the panels showed before matter. When the display gives up (SyncError), the
         file of the spoilt exposure is fetched before that is raised.
 
-        With `moving` the shutter opens and closes while the frames are shown: such a photo tells
+        With `moving` the shutter opens and closes while the frames are shown: such a photo shows
         when it did, and is good for nothing else. Raises ExposureError when the frames ended first,
-        and ConfigError for rows with times of their own that the display does not know.
+        and ConfigError for rows with times of their own where the display does not support them.
         """
         settle_ns = round(self.config.rig.settle_s * 1e9)
         settings = self._timed(settings, frames, moving)
@@ -349,7 +351,8 @@ class Rig:
         return RigExposure(open_ns, close_ns, log, photo.raw, settings, photo.held)
 
     def _prepare(self, frames: Frames, settings: CameraSettings, *, again: bool) -> int:
-        """Load the frames, both panels black, the camera ready; since when panels are black."""
+        """Load the frames, make both panels black and the camera ready; returns since when panels
+        are black."""
         edge = self.display_info is not None and self.display_info.waits_for_edge
         loaded, black_ns = self._left if again and not edge else (None, None)
         self._left = None, None
@@ -381,8 +384,8 @@ class Rig:
     def _moved(
         self, mover: MovingShutter, frames: Frames, folder: Path
     ) -> tuple[FrameLog, int, int]:
-        """Play the loaded frames while the shutter moves; log, and when it was surely open, and
-        surely closed."""
+        """Play the loaded frames while the shutter moves; returns the log, and when the shutter was
+        surely open, and surely closed."""
         shared = self._context.shared
         try:
             log = with_row_times(self.display.play(mover, mover.over), self.display_info)
@@ -402,8 +405,8 @@ class Rig:
     def _take_spoilt(
         self, open_ns: int, folder: Path, name: str, notify: Emit, hold: bool = False
     ) -> None:
-        """End an exposure that was given up, and take its file: left in the camera, it would pass
-        for the next one."""
+        """End an exposure that was given up, and fetch its file: left in the camera, it would be
+        taken for the next one."""
         self.display.black()
         close_ns = self._close()
         self._context.shared.exposed_ns = (open_ns, close_ns)
@@ -411,16 +414,16 @@ class Rig:
         self._fetched(folder, name, hold)
 
     def begin_photos(self) -> None:
-        """The photos from here on are those of one job."""
+        """Start a new job: `recheck_photos` concerns the photos from here on."""
         self._photos = set()
 
     def forget_photo(self, sha256: str) -> None:
-        """Nothing is made of that photo any more."""
+        """Do not recheck that photo: it is not used any more."""
         self._photos.discard(sha256)
 
     def recheck_photos(self) -> None:
-        """See that the photos since `begin_photos` still are what they were fetched as, where their
-        files lie in others' hands. Raises ExposureError, DeviceLost."""
+        """Check that the photos since `begin_photos` are unchanged since they were fetched, where
+        others have access to their files. Raises ExposureError, DeviceLost."""
         photos = set(self._photos)
         if isinstance(self.readout, RecheckingReadout):
             self.readout.recheck(photos)

@@ -50,7 +50,7 @@ logger = logging.getLogger(__name__)
 
 
 class CaptureRun:
-    """Takes one job through: plan, shots, pictures, folder.
+    """Runs one job from beginning to end: plan, shots, pictures, folder.
 
     Raises DeviceLost when the rig is not open.
     """
@@ -66,7 +66,8 @@ class CaptureRun:
         notes: tuple[str, ...] = (),
         shown: dict[str, TakenShot] | None = None,
     ) -> None:
-        """notes : what else the user is to know of the bench. shown : gets all shots by name."""
+        """notes : what else the user should know of the bench. shown : receives all shots by
+            name."""
         if rig.camera_info is None:
             raise DeviceLost("the rig is not open", device="camera", hint="start the engine first")
         self._config, self._rig, self._profile = config, rig, profile
@@ -87,7 +88,7 @@ class CaptureRun:
 
     @property
     def warnings(self) -> list[str]:
-        """What the user must know so far, also of a run that fails."""
+        """What the user must know so far, also for a run that fails."""
         return self._journal.warnings
 
     def execute(self, rig: RigView) -> CaptureResult:
@@ -138,7 +139,7 @@ class CaptureRun:
         self, first: CaptureRun, taken: Mapping[str, TakenShot], rig: RigView
     ) -> CaptureResult:
         """Make a run of the newest photos of a stream that began with the photos of `first`; the
-        worker has them. taken : what the rig knows of them, by SHA-256. Raises PdcdError."""
+        worker has them. taken : their shots, by SHA-256. Raises PdcdError."""
         started, begun_s = format_utc_now(), time.perf_counter()
         job, folder = self._job, self._folder
         folder.create(min_free_bytes=self._config.limits.min_free_bytes)
@@ -163,7 +164,7 @@ class CaptureRun:
         return self._finish(begun, begun_s)
 
     def _finish(self, begun: RunStart, begun_s: float) -> CaptureResult:
-        """Decode what was taken, and archive. begun_s : when it began."""
+        """Decode what was taken, and archive. begun_s : when the run began."""
         job, folder = self._job, self._folder
         if self._adopted is None:
             raise PdcdError("the run has no plan")
@@ -202,7 +203,7 @@ class CaptureRun:
         )
 
     def _write_last(self) -> None:
-        """Write the photo of the last shot where it is to be kept and was in memory alone."""
+        """Write the photo of the last shot where it is to be kept but is only in memory."""
         if self._taker.keep == "last":
             for path, data in self._taker.last.items():
                 if data is not None:
@@ -211,7 +212,7 @@ class CaptureRun:
     def _sort_out(
         self, found: dict[str, FileRecord]
     ) -> tuple[dict[str, FileRecord], dict[str, FileRecord]]:
-        """Files of the folder that stay, and RAW files that do not, with those in memory."""
+        """Files of the folder that stay, and RAW files that do not, including those in memory."""
         keep = self._taker.keep
         last = self._taker.last if keep == "last" else ()
         stay = {
@@ -225,7 +226,7 @@ class CaptureRun:
     def _report(self) -> tuple[str, ...]:
         """Make the page of the finished run, where one is wanted; returns its name.
 
-        The run is whole by now: whatever goes wrong here costs the page alone.
+        The run is complete by now: an error here costs only the page.
         """
         if not self._job.report:
             return ()
@@ -244,7 +245,7 @@ class CaptureRun:
 
     @property
     def taken(self) -> str | None:
-        """Which of the planned shots are there, in words; None before there is a run."""
+        """Which of the planned shots are there, in words; None before there is a plan."""
         if self._adopted is None:
             return None
         shots = self._adopted.shots
@@ -252,7 +253,7 @@ class CaptureRun:
         return describe_shots_taken(len(self._taken), len(shots), missing)
 
     def _plan(self) -> PlannedRun:
-        """The plan as asked for, or as a wanted error or time has it."""
+        """The plan as asked for, or as chosen for a wanted error or time."""
         job, rig = self._job, self._rig
         request, given = job.request, dict(job.given)
         needs_lag = is_search_needed(request) or is_lag_needed(request, self._config)
@@ -260,14 +261,13 @@ class CaptureRun:
         return self._worker.do(job.planning(), Worker.plan, request, given, rig.camera, lag_s)
 
     def _adopt(self, adopted: AdoptedPlan) -> None:
-        """Write down by what plan the run goes from here on; shots that it does not know are none
-        any more."""
+        """Record the plan by which the run goes on; shots that it does not contain are dropped."""
         self._adopted = adopted
         self._ledger.plan(msgspec.to_builtins(adopted.summary), adopted.record)
         self._taken = [name for name in self._taken if name in adopted.shots]
 
     def _take_all(self) -> None:
-        """Take what the worker wants, photo after photo, and keep what it says meanwhile."""
+        """Take what the worker wants, photo after photo, and keep its notes."""
         taken: PhotoOutcome = None
         while True:
             order = self._worker.do(self._job.watch(), Worker.next_exposure, taken)
@@ -280,7 +280,7 @@ class CaptureRun:
                 self._taken += [record.name for record in taken]
 
     def _keep(self, note: OrderNote) -> None:
-        """Tell and write down one thing."""
+        """Report and record one note."""
         if isinstance(note, str):
             self._journal.warn(note)
         elif isinstance(note, MeterRecord):

@@ -1,4 +1,4 @@
-"""Both panels black and the shutter closed, whatever state the devices are in."""
+"""Make both panels black and close the shutter, whatever state the devices are in."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from pdcd.errors import DeviceLost
 logger = logging.getLogger(__name__)
 
 _SAFE_TRIES, MAKE_SAFE_S = 3, 10.0
-"""How often a device that fails is asked to go black or to close before it is given up, and for how
-long in all: a job ends in time, whatever its devices do."""
+"""How often a failing device is asked to go black or to close, and for how long in total, before it
+is given up: a job ends in time, whatever its devices do."""
 
 
 def make_safe(display: Display, shutter: Shutter, patience: Patience) -> bool:
-    """Panels black, then the shutter closed; whether both are. Hears no cancel.
+    """Make panels black, then close the shutter; returns whether both succeeded. Ignores cancels.
 
     A device that fails is asked again; what cannot be made safe is logged as critical.
     """
@@ -31,8 +31,8 @@ def make_safe(display: Display, shutter: Shutter, patience: Patience) -> bool:
 def make_safe_beside(
     display: Display, shutter: Shutter, patience: Patience, within_s: float
 ) -> bool:
-    """The same, beside a thread that hangs in a call of a driver: both at a time, and waited for so
-    long. A device that hangs itself is left to whoever guards it."""
+    """The same while another thread hangs in a call of a driver: both devices are asked at once,
+    and waited for so long. A device that itself hangs is left to its guard."""
     safe: list[bool] = []
 
     def insist(name: str, action: Callable[[], object]) -> None:
@@ -51,7 +51,7 @@ def make_safe_beside(
 
 
 def release_device(name: str, release: Callable[[], object], patience: Patience) -> None:
-    """Release a device, in as much time, hearing no cancel; one that fails is logged."""
+    """Release a device, within the same time, ignoring cancels; a failure is logged."""
     try:
         with patience.deaf(), _in_time(name, patience):
             release()

@@ -1,9 +1,9 @@
 """Pictures of a run that was interrupted: `pdcd decode --partial`.
 
-What lies in the `.partial` is held against its ledger, copied into a new folder and decoded there;
-the `.partial` itself is never written to. Where no shot is missing the new folder is a finished run
-like any other. Else its manifest says "partial" and which shots are missing, and `pdcd verify` says
-so, too.
+The contents of the `.partial` are compared with its ledger, copied into a new folder and decoded
+there; the `.partial` itself is never written to. Where no shot is missing the new folder is a
+finished run like any other. Otherwise its manifest says "partial" and which shots are missing, and
+so does `pdcd verify`.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ from pdcd.runs.record import FileRecord, MeterRecord, RunRecord
 from pdcd.watch import Watch
 
 _MOST_LOG_BYTES = 2**26
-"""So much of a log is copied; a run of a thousand shots writes a hundredth of it."""
+"""Most bytes of a log that are copied; a run of a thousand shots writes a hundredth of that."""
 _TRIES = 1000
 """Names that are tried for the new folder while it is being filled."""
 
 
 class _Salvaged(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of an unfinished run.
+    """The result of decoding an unfinished run.
 
     `state` is "done" where no shot is missing, else "partial". `lost` are RAW files that are
     missing or have changed, in words; their shots are among the `missing`.
@@ -64,7 +64,7 @@ class _Salvaged(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class _Sound:
-    """What of a run is as its ledger says."""
+    """The part of a run that is as its ledger says."""
 
     kept: LedgerContents
     run: RunRecord
@@ -74,12 +74,12 @@ class _Sound:
     lost: tuple[str, ...]
     frames_bytes: int
     size_bytes: int
-    """Of all that will be copied."""
+    """Bytes of all that will be copied."""
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Planned shots that are not there, as far as they are wanted: of a run that was good
-        enough, no parts beyond those that it took."""
+        """Planned shots that are not there but wanted: where a run had reached the wanted error,
+        parts beyond those that it took are not."""
         there = {shot.name for shot in self.run.shots}
         taken = {entry.shot.name for entry in self.kept.taken}
         parts = {0, *(shot.part for shot in self.planned if shot.name in taken)}
@@ -94,14 +94,14 @@ def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = 
     """Decode a `.partial` into a new folder.
 
     folder : the unfinished run. out : where the new folder is made; by default beside the old one.
-    `watch` is told how far it is.
+        `watch` hears of the progress.
 
-    Raises BusyError while the run still goes on, RequestError for a folder that is no unfinished
-    run or a name that is taken, DecodeError when its ledger, codes or frame log are damaged or no
-    picture can be made of what is there, NoSpaceError and DiskError.
+    Raises BusyError while the run still goes on, RequestError for a folder that is not an
+    unfinished run or a name that is taken, DecodeError when its ledger, codes or frame log are
+    damaged or no picture can be made of what is there, NoSpaceError and DiskError.
     """
     watch = watch or Watch()
-    real = Path(os.path.realpath(folder))  # of links in a circle, too
+    real = Path(os.path.realpath(folder))  # which copes with circular links, too
     if not real.name.endswith(UNFINISHED):
         raise RequestError(
             f"{to_one_line(str(folder))} is not an unfinished run",
@@ -121,7 +121,8 @@ def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = 
 
 @contextmanager
 def _held(folder: Path) -> Iterator[int]:
-    """Descriptor of the folder, which nobody fills meanwhile. Raises BusyError, RequestError."""
+    """Descriptor of the folder, locked so that nobody fills it meanwhile. Raises BusyError,
+    RequestError."""
     try:
         with open_folder(folder) as descriptor:
             try:
@@ -139,7 +140,7 @@ def _held(folder: Path) -> Iterator[int]:
 
 
 def _looked_at(source: int, folder: Path, watch: Callable[[], None]) -> _Sound:
-    """Hold all that the ledger names against it. folder : that of the descriptor `source`."""
+    """Check all files that the ledger names. folder : that of the descriptor `source`."""
     kept = read_ledger(source)
     fault, run = find_name_fault(kept.begun.job), kept.run
     if fault is not None or "/" in kept.begun.job:
@@ -168,7 +169,7 @@ def _looked_at(source: int, folder: Path, watch: Callable[[], None]) -> _Sound:
             lost[test.meter.raw] = wrong
     with convert_record_errors(folder):
         recipe = Darkroom(path_of(source), run).recipe
-        # Of a run that went on by other codes, those that came before are no shots any more.
+        # Where a run went on with other codes, earlier shots no longer belong to it.
         known = {shot.name for shot in recipe.shots}
         shots = [shot for shot in shots if shot.name in known]
         made = narrow_to_shots(recipe, {shot.name for shot in shots})
@@ -199,8 +200,8 @@ def _looked_at(source: int, folder: Path, watch: Callable[[], None]) -> _Sound:
 
 
 def _refuse_lost(run: RunRecord, made: Recipe, lost: Mapping[str, str]) -> None:
-    """Raise DecodeError where a photo is lost that is no shot of the pictures and that they rest on
-    all the same: of the room's light, or of a pilot."""
+    """Raise DecodeError where a photo is lost on which the pictures depend although it is none of
+    their shots: of the room's light, or of a pilot."""
     needed = [] if run.room is None else [run.room.raw]
     if any(photo.paths for photo in made.photos):
         needed += [shot.raw for shot in run.shots if shot.name in made.stack]
@@ -213,7 +214,7 @@ def _refuse_lost(run: RunRecord, made: Recipe, lost: Mapping[str, str]) -> None:
 
 
 def _check_frames(source: int, kept: LedgerContents, watch: Callable[[], None]) -> int:
-    """Bytes of frames.csv that belong to shots. Raises DecodeError where one of them changed."""
+    """Bytes of frames.csv that belong to shots. Raises DecodeError where any of them changed."""
     at = 0
     try:
         with open_inner_file(source, FRAMES) as descriptor:
@@ -250,8 +251,8 @@ def _fault_in(source: int, name: str, wanted: FileRecord, watch: Callable[[], No
 
 @contextmanager
 def _new(place: HeldFolder, name: str, sound: _Sound) -> Iterator[RunFolder]:
-    """The folder to be filled, under a name that nobody takes for a run's. Raises RequestError
-    where that which it is to have in the end is taken."""
+    """The folder to be filled, under a name that is not taken for a run's. Raises RequestError
+    where its final name is taken."""
     if os.path.lexists(place.path / name):
         raise RequestError(
             f"{place.real / name} is there already",
@@ -269,8 +270,8 @@ def _new(place: HeldFolder, name: str, sound: _Sound) -> Iterator[RunFolder]:
 def _copy(
     source: int, made: RunFolder, sound: _Sound, watch: Callable[[], None]
 ) -> tuple[str, ...]:
-    """Copy what is sound; its content was looked at and is looked at again when it is decoded.
-    Returns what was left out, in words."""
+    """Copy what is sound; its contents are checked again when they are decoded. Returns what was
+    left out, in words."""
     planned = sound.kept.planned
     sizes = {} if planned is None else {CODES: planned.codes.size_bytes}
     sizes |= {shot.raw: shot.size_bytes for shot in sound.run.shots}
@@ -342,7 +343,7 @@ def _decoded(
 
 
 def _lacks(planned: Recipe, made: Recipe) -> Iterator[str]:
-    """What to know of pictures that were made of fewer shots than planned."""
+    """Warnings for pictures that were made of fewer shots than planned."""
     terms = {photo.name: len(photo.shots) for photo in planned.photos}
     for photo in made.photos:
         if len(photo.shots) < terms[photo.name]:

@@ -1,5 +1,5 @@
-"""Photos of a job: each exposed, and taken again where codes got unequal light, or where its times
-disagree."""
+"""Photos of a job: each is exposed, and taken again where codes got unequal light, or where its
+times disagree."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from pdcd.words import KeepRawName
 
 @dataclass(frozen=True, eq=False)
 class TakenShot:
-    """A shot as it was taken last: what is remembered of it, and its rows of frames.csv."""
+    """A shot as last taken: its record, and its rows of frames.csv."""
 
     record: ShotRecord
     frames: Frames
@@ -51,15 +51,15 @@ class ShotTaker:
     held: dict[str, FileRecord] = field(default_factory=dict)
     """Photos in memory, by the path that their files would have below the run folder."""
     last: dict[str, bytes | None] = field(default_factory=dict)
-    """RAW files of the last shot, and what is in those that are in memory alone."""
+    """RAW files of the last shot, with the contents of those that are only in memory."""
     shown: dict[str, TakenShot] | None = None
-    """Gets all shots by name, for whoever has no other use for their logs than that."""
+    """Receives all shots by name, where the caller needs their logs."""
 
     def take(self, wanted: PhotoOrder) -> PhotoOutcome:
-        """Take a photo that is wanted. One that the run can do without is `SpoiltPhoto` where it
-        cannot be had.
+        """Take a photo that was ordered. Returns `SpoiltPhoto` where it cannot be had and the run
+        can do without it.
 
-        Raises SyncError when another one was spoilt too often, and what its devices raise.
+        Raises SyncError when any other photo was spoilt too often, and what its devices raise.
         """
         if wanted.kind == "shot":
             return self._shot(wanted)
@@ -79,8 +79,8 @@ class ShotTaker:
         )
 
     def _shot(self, wanted: PhotoOrder) -> tuple[ShotRecord, ...]:
-        """Expose, write the frame log, check for missed refreshes. With two buckets the shot of
-        the second one comes with it."""
+        """Expose, write the frame log, check for missed refreshes. With two buckets, also returns
+        the shot of the second one."""
         done, level, harm = self._sound(wanted)
         folder, log = self.journal.folder, done.log
         folder.write_frames(wanted.name, wanted.frames, log)
@@ -112,10 +112,10 @@ class ShotTaker:
             self.journal.warn(f"shot {name}: presentation times are not verified")
 
     def _sound(self, wanted: PhotoOrder) -> tuple[RigExposure, float | None, str]:
-        """Expose, and once more where codes got unequal light or the photo was lost, as often as
-        the rig allows; once where the times of the exposure disagree.
+        """Expose; again where codes got unequal light or the photo was lost, as often as the rig
+        allows; once more where the times of the exposure disagree.
 
-        Returns the exposure, its level (see `ShotRecord`), and what harm was done. Raises
+        Returns the exposure, its level (see `ShotRecord`), and the harm that was done. Raises
         SyncError, and PhotoError where the last photo was lost.
         """
         rig, folder, shot = self.config.rig, self.journal.folder, wanted.name
@@ -154,8 +154,8 @@ class ShotTaker:
         )
 
     def _tested(self, wanted: PhotoOrder) -> RigExposure:
-        """Take a test exposure or a dark photo, again where the display gave up or the photo was
-        lost, as often as the rig allows; once where the times of the exposure disagree. Raises
+        """Take a test exposure or a dark photo; again where the display gave up or the photo was
+        lost, as often as the rig allows; once more where the times of the exposure disagree. Raises
         SyncError, PhotoError."""
         rig, shot = self.config.rig, wanted.name
         number, spoilt, doubted = 0, 0, False
@@ -181,7 +181,7 @@ class ShotTaker:
         return planned_open_s(done.settings, self.config, wanted.frames, done.log)
 
     def _expose(self, wanted: PhotoOrder) -> tuple[RigExposure, str]:
-        """One exposure, and which of its times disagree, in words."""
+        """Take one exposure; returns it, and which of its times disagree, in words."""
 
         def progress(frame: int, of: int, missed: int) -> None:
             told = events.Progress(shot=wanted.name, frame=frame, frames=of, missed=missed)
@@ -203,7 +203,7 @@ class ShotTaker:
                 path = self._file(plane)
                 held[path] = done.held[plane.path.name]
                 self.held[path] = FileRecord(plane.sha256, plane.size_bytes)
-        # At once: every further exposure would be for nothing.
+        # Decode it at once: if it cannot be read, every further exposure would be for nothing.
         file, watch = self._file(done.raw), self.journal.job.watch()
         head = self.worker.do(watch, Worker.look, file, done.raw.sha256, held)
         self.check.saw(file, head)
@@ -213,7 +213,7 @@ class ShotTaker:
         return done, doubt
 
     def _set_aside(self, shot: str, number: int) -> str:
-        """Give the photo of an exposure that is to be taken again another name; returns that."""
+        """Rename the photo of an exposure that is to be taken again; returns the new name."""
         name = self.journal.folder.set_aside(shot, number)
         for path in [path for path in self.held if PurePath(path).stem == shot]:
             self.held[str(PurePath(path).with_stem(name))] = self.held.pop(path)
@@ -231,8 +231,8 @@ def make_shot_records(
     planned_s: float,
     file: Callable[[RawFile], str],
 ) -> tuple[ShotRecord, ...]:
-    """What a run remembers of an exposure: its shot, and those of its other buckets. file : path of
-    a RAW file in the run folder. Raises ExposureError where there is no second bucket."""
+    """The records of an exposure: its shot, and those of its other buckets. file : path of a RAW
+    file in the run folder. Raises ExposureError where there is no second bucket."""
     log = done.log
     first = ShotRecord(
         name=wanted.name,
@@ -270,8 +270,8 @@ def make_shot_records(
 
 
 def measure_code_level(frames: Frames, log: FrameLog, row_hz: float) -> tuple[float | None, str]:
-    """Times that every code was shown over what was planned, None where that differs; and the
-    same in words."""
+    """How long every code was shown, over what was planned, None where codes differ; and the same
+    in words."""
     try:
         weights = count_lit_weights(frames, log, row_hz)
     except SyncError as err:

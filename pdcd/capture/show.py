@@ -18,22 +18,24 @@ from pdcd.panels.schedule import build_frames
 from pdcd.planning.bench_fit import choose_grid_window
 
 _CELL_PATTERNS = ("white", "checker", "grid", "code")
-"""Patterns over the cells of the codes: they lie where the panels are placed."""
+"""Patterns of code cells: they lie where the panels are placed."""
 _ALONE = ("projector", "mask")
 """One panel white, the other black."""
 PATTERNS = (*_CELL_PATTERNS, *_ALONE, *STILL)
-"""All that can be held; `MOVING` can only be played."""
+"""All patterns that can be held; those of `MOVING` can only be played."""
 _GRID_CELLS = 8
 """Distance of the lines of the alignment grid."""
 _SHEET_ROWS, _SHEET_STEP, _MARGIN_PX, _SHEET_GREY = 6, 4, 8, 96
-"""Of a sheet: refreshes, their scale, and the frame around each panel."""
+"""Of a sheet: most refreshes, their scale if there are several, and margin and grey around each
+panel."""
 
 
 def make_pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Config) -> Frames:
-    """One refresh. Of patterns over cells the mask shows the complement of the projector's (white,
-    grid: both the same); pictures of pixels are on both, each panel in its own way.
+    """Frames of one refresh. For patterns of cells the mask shows the complement of the projector's
+    pattern (white, grid: the same one); pictures of pixels are on both panels, each on its own
+    pixels.
 
-    Raises RequestError for a pattern that is not known or a code that does not exist.
+    Raises RequestError for an unknown pattern or a code that does not exist.
     """
     if pattern in STILL or pattern in _ALONE:
         return make_pixel_frames(pattern, config)
@@ -72,8 +74,8 @@ def make_pattern_frames(pattern: str, index: int, grid: tuple[int, int], config:
 
 
 def make_pixel_frames(pattern: str, config: Config, seconds: float = 0.0) -> Frames:
-    """The refreshes of a picture of pixels, one of `STILL`, `_ALONE` or `MOVING`; what moves does
-    so for about that time, and at least once."""
+    """The refreshes of a picture of pixels, one of `STILL`, `_ALONE` or `MOVING`; moving ones are
+    repeated for about that time, and shown at least once."""
     sizes = config.projector.size_px, config.mask.size_px
     if pattern in _ALONE:
         patterns: list[Patterns] = [make_empty_patterns(), make_empty_patterns()]
@@ -99,8 +101,8 @@ def make_pixel_frames(pattern: str, config: Config, seconds: float = 0.0) -> Fra
 
 
 def draw_sheet(frames: Frames, panels: Panels) -> NDArray[np.uint8]:
-    """What both panels show, projector left and mask right, (H, W, 3) uint8; of several refreshes
-    the first ones below each other, smaller."""
+    """What both panels show, projector left and mask right, (H, W, 3) uint8; of several refreshes,
+    the first ones below each other, at a smaller scale."""
     rows = range(min(len(frames), _SHEET_ROWS))
     step = 1 if len(rows) == 1 else _SHEET_STEP
     lines = []
@@ -118,9 +120,9 @@ def draw_sheet(frames: Frames, panels: Panels) -> NDArray[np.uint8]:
 
 
 def make_loop_frames(grid: tuple[int, int], config: Config, seconds: float) -> Frames:
-    """All codes of the schedule over and over for about that time, as an indirect photo has them.
+    """All codes of the schedule, repeated for about that time, as in an indirect photo.
 
-    Seen through the mask by eye: direct light is dark, indirect light remains.
+    To be viewed through the mask by eye: direct light is dark, indirect light remains.
     """
     schedule = config.schedule
     window = choose_grid_window(schedule.window, config, grid)

@@ -1,9 +1,9 @@
-"""A stream: one plan, its photos again and again, each picture told as soon as it is there.
+"""A stream: one plan, its photos again and again, each picture reported as soon as it is ready.
 
 It begins as any capture does, with its metering and a first set of photos, which are held in
 memory. Then the rig takes the next part of the set, over and over, in its own thread, while a
-second thread has the worker decode the photo before. Where that is slower the rig waits for it: no
-photo is passed over, and memory stays level.
+second thread has the worker decode the photo before. Where decoding is slower the rig waits for it:
+no photo is skipped, and memory does not grow.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ from pdcd.watch import Watch
 logger = logging.getLogger(__name__)
 
 _MOST_HZ = 30.0
-"""Pictures a second where nobody says: no more are seen."""
+"""Most pictures per second where the request does not say: nobody sees more."""
 _MOST_SPOILT = 3
 """Spoilt photos in a row that end a stream."""
 _LOOK_S = 0.05
-"""Time between two looks for a cancel."""
+"""Time between two checks for a cancel."""
 _ENDING_S = 5.0
-"""How long the worker may take over its last photo, with the panels black already."""
+"""How long the worker may take for its last photo, with the panels black already."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Photographed:
-    """A photo for the worker, or why there is none. last : whether its round ends with it."""
+    """A photo for the worker, or why there is none. last : whether it is the last of its round."""
 
     photo: StreamPhoto | None
     spoilt: str
@@ -88,7 +88,7 @@ class PictureMaker:
         self._thread = threading.Thread(target=self._run, name="pdcd-stream", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     @property
@@ -102,8 +102,9 @@ class PictureMaker:
         return 0.0 if self._begun_s is None else time.monotonic() - self._begun_s
 
     def give(self, photo: _Photographed, look: Callable[[], None]) -> None:
-        """Hand a photo over, and return once the last of its picture is begun: what is taken sooner
-        waits only longer. `look` may raise meanwhile. Raises what the work ended by."""
+        """Hand a photo over; after the last photo of a picture, return once the worker has begun
+        it, because photos taken earlier would only wait longer. `look` is called meanwhile and may
+        raise. Raises the error of the work."""
         self._photos.put(photo)
         while photo.last and not self._photos.empty():
             look()
@@ -112,14 +113,14 @@ class PictureMaker:
             self._begun.clear()
 
     def drain(self, look: Callable[[], None]) -> None:
-        """Wait until all that was given is worked out: then the worker is free."""
+        """Wait until all photos handed over are decoded: then the worker is free."""
         while self._photos.unfinished_tasks:
             look()
             self._raise()
             self._ends.wait(0.005)
 
     def end(self) -> None:
-        """Leave off, whatever is not worked out yet. Idempotent."""
+        """Stop, whatever is not decoded yet. Idempotent."""
         self._ends.set()
         self._photos.put(None)
         if self._thread.ident is not None:
@@ -145,7 +146,7 @@ class PictureMaker:
             self._failed = err
 
     def _make(self, given: _Photographed) -> None:
-        """Work a photo out, and tell. Raises what ends the stream."""
+        """Decode a photo, and report its picture. Raises what ends the stream."""
         watch, cause, made = Watch(self._alive), given.spoilt, None
         if given.photo is not None:
             part = given.part if given.last else None
@@ -200,7 +201,7 @@ def _with_figures(told: StreamFrame, made: RollingPicture, rate_hz: float) -> St
 
 
 class StreamTaker:
-    """Takes the photos of a stream, and keeps the newest of each shot for who wants a run."""
+    """Takes the photos of a stream, and keeps the newest of each shot in case a run is wanted."""
 
     def __init__(
         self,
@@ -216,7 +217,7 @@ class StreamTaker:
         self._config, self._rig, self._job = config, rig, job
         self._request, self._plan, self._folder = request, plan, folder
         self._taken = {name: [shot] for name, shot in first.items()}
-        """The last ones of each shot: of the newest nobody knows yet whether it is sound."""
+        """The last few of each shot: it is not known yet whether the newest is sound."""
         self._again = False
         self._closed_s = 0.0
 
@@ -226,10 +227,10 @@ class StreamTaker:
         next_record: Callable[[], RecordOrder | None],
         record: Callable[[RecordOrder, Mapping[str, TakenShot]], None],
     ) -> None:
-        """Take photos until the end: by time, by a cancel or an error, which is raised.
+        """Take photos until the time is over; a cancel or an error is raised.
 
-        record : makes a run of some of these photos, by their SHA-256, while the worker does
-        nothing else.
+        record : makes a run of some of these photos, given by their SHA-256, while the worker does
+            nothing else.
         """
         due_s, step_s = 0.0, 1.0 / (self._request.rate_hz or _MOST_HZ)
         last_s = self._request.for_s
@@ -250,8 +251,8 @@ class StreamTaker:
                 self._again = False
 
     def _wait_until(self, due_s: float, ended: Callable[[], bool]) -> bool:
-        """Wait for the next picture's turn, with a look for a cancel now and then; whether the
-        stream ended before it came."""
+        """Wait until the next picture is due, checking for a cancel now and then; returns whether
+        the stream ended before."""
         while not ended():
             self._job.look_for_cancel()
             left_s = due_s - time.monotonic()
@@ -261,7 +262,7 @@ class StreamTaker:
         return True
 
     def _take_round(self, round_: StreamRound) -> Iterator[_Photographed]:
-        """The photos of a picture; one that is spoilt ends the round."""
+        """The photos of a picture; a spoilt one ends the round."""
         *_, last = round_.photos
         for order in round_.photos:
             photo, cause, late = self._take(order)
@@ -271,7 +272,7 @@ class StreamTaker:
                 return
 
     def _take(self, order: PhotoOrder) -> tuple[StreamPhoto | None, str, int]:
-        """One photo, or why there is none; and refreshes that came late."""
+        """Take one photo. Returns it, or why there is none; and the number of late refreshes."""
         self._closed_s = time.monotonic()
         try:
             done = self._rig.expose(
@@ -314,7 +315,8 @@ class StreamTaker:
         self._job.look_for_cancel()
 
     def _hold(self, done: RigExposure) -> dict[str, bytes]:
-        """What is in the files of an exposure, which leave the disk. Raises DecodeError."""
+        """Contents of the files of an exposure, which are removed from the disk. Raises
+        DecodeError."""
         held = {}
         for plane in filter(None, (done.raw, done.raw.second)):
             name = plane.path.name
@@ -329,7 +331,7 @@ class StreamTaker:
         return held
 
     def _clear(self, name: str) -> None:
-        """Leave no file of a spoilt exposure."""
+        """Remove all files of a spoilt exposure."""
         for path in (self._folder / "raw").glob(f"{name}.*"):
             path.unlink(missing_ok=True)
 

@@ -1,5 +1,5 @@
-"""A stream from its beginning to its end: a scratch folder, a first set of photos, the loop, runs
-that somebody wants of it, and a rig that is safe whatever happens."""
+"""A stream from beginning to end: a scratch folder, a first set of photos, the loop, runs that are
+recorded from it, and a rig that is made safe whatever happens."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class StreamBench:
-    """What of an engine a stream uses. notes : what the user is to know of the bench."""
+    """The parts of an engine that a stream uses. notes : what the user should know of the bench."""
 
     config: Config
     rig: Rig
@@ -51,7 +51,7 @@ class StreamBench:
     def make_run(
         self, order: EngineJob, folder: RunFolder, shown: dict[str, TakenShot] | None = None
     ) -> CaptureRun:
-        """What takes a job through on the rig. shown : gets all shots by name."""
+        """The run of a job on the rig. shown : receives all shots by name."""
         return CaptureRun(
             self.config, self.rig, self.profile, self.worker, folder, order, self.notes, shown
         )
@@ -66,8 +66,8 @@ def run_stream(
     emit: Emit,
     listener: StreamListener,
 ) -> CaptureResult:
-    """Run a stream to its end (`Engine.stream`); never raises for what goes wrong in it. On return
-    panels are black and the shutter is closed, or its last warning says that they may not be."""
+    """Run a stream to its end (`Engine.stream`); errors are in the result, not raised. On return
+    panels are black and the shutter is closed, or the last warning says that they may not be."""
     rig = bench.rig
     failure: PdcdError | None = None
     maker = PictureMaker(bench.worker, request.goal, listener)
@@ -92,7 +92,7 @@ def run_stream(
 
 
 def _forget(worker: WorkerProxy) -> None:
-    """Have the worker let go of the photos; where it cannot, the next job has it do so."""
+    """Make the worker forget the photos; if that fails, the next job does it."""
     try:
         worker.do(Watch(), Worker.forget)
     except PdcdError as err:
@@ -107,7 +107,8 @@ def _take_stream(
     maker: PictureMaker,
     listener: StreamListener,
 ) -> None:
-    """Take the first set, then photos until the end. Raises what ends it but its time."""
+    """Take the first set, then photos until the end. Raises whatever ends it other than its
+    time."""
     shown: dict[str, TakenShot] = {}
     first = bench.make_run(ordered, folder, shown)
     view = bench.describe()
@@ -123,7 +124,7 @@ def _take_stream(
 
 
 def _scratch_folder(config: Config, job: str, held: ExitStack) -> RunFolder:
-    """A run folder for the first photos, which is gone once the stream has ended."""
+    """A run folder for the first photos, which is removed once the stream has ended."""
     state = find_state_dir(config)
     with disk_errors(str(state)):
         state.mkdir(parents=True, exist_ok=True)
@@ -139,7 +140,7 @@ def _record(
     taken: Mapping[str, TakenShot],
     view: RigView,
 ) -> CaptureResult:
-    """Make a run of the newest photos; what goes wrong in it ends no stream."""
+    """Make a run of the newest photos; an error in it does not end the stream."""
     request = msgspec.structs.replace(ordered.request, keep_raw="all")
     wanted = EngineJob(
         order.job, request, ordered.owner, ordered.emit, ordered.cancelled, ordered.given, True

@@ -1,4 +1,4 @@
-"""What the worker and the owner of the devices say to each other, and the figures it is made of."""
+"""The messages between the worker and the owner of the devices, and the figures in them."""
 
 from __future__ import annotations
 
@@ -34,14 +34,15 @@ from pdcd.virtual.scene.scene import Scene
 
 @dataclass(frozen=True)
 class RigFacts:
-    """What holds for every job of a rig; `scene` is what stands before it, where that is known."""
+    """What holds for every job of a rig; `scene` is what stands in front of it, where that is
+    known."""
 
     config: Config
     profile: SensorProfile
     grid: tuple[int, int]
     scene: Scene | None
     cells_meet: bool = False
-    """Whether no panel can lie elsewhere (`pdcd.bench.devices.SharedState`)."""
+    """Whether panels cannot be misplaced (`pdcd.bench.devices.SharedState`)."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ class PlannedRun:
 
 @dataclass(frozen=True)
 class AdoptedPlan:
-    """The run goes by this plan from here on, whose codes are stored. record : of the run, without
-    its shots. shots : names of all that are planned."""
+    """A plan by which the run goes on, whose codes are stored. record : of the run, without its
+    shots. shots : names of all that are planned."""
 
     summary: PlanSummary
     record: RunRecord
@@ -70,23 +71,24 @@ class AdoptedPlan:
 
 @dataclass(frozen=True)
 class ConvergenceNote:
-    """The error asked for is reached: shots that are still planned are not wanted."""
+    """The wanted error is reached: shots that are still planned are not needed."""
 
 
 OrderNote = Event | MeterRecord | AdoptedPlan | ConvergenceNote | str
-"""What is to be told, and kept in the run's ledger; text is a warning."""
+"""What to report, and to keep in the run's ledger; text is a warning."""
 
 
 @dataclass(frozen=True, eq=False)
 class PhotoOrder:
     """Take this photo.
 
-    kind : a "shot" is kept with its frames, and taken again where codes got unequal light; a "test"
-        exposure is taken again where the display gave up; so is a "dark" photo, without which the
-        run goes on, and a "look" of pixels, which a display need not know. f_number : as recorded,
-        also of a lens that is not set from here. window : of a shot, as recorded. even : whether
-        each of its codes must be shown exactly as often as planned. beside : names and frames of
-        the shots that the other buckets of the sensor take.
+    kind : a "shot" is kept with its frames, and taken again where codes got unequal light. A "test"
+        exposure is taken again where the display gave up. So are a "dark" photo and a "look" of
+        pixels, which a display need not support; the run goes on without these two.
+    f_number : as recorded, also of a lens that is not set from here. window : of a shot, as
+        recorded.
+    even : whether each of its codes must be shown exactly as often as planned.
+    beside : names and frames of the shots that the other buckets of the sensor take.
     """
 
     kind: Literal["shot", "test", "dark", "look"]
@@ -121,13 +123,13 @@ class SpoiltPhoto:
 
 
 PhotoOutcome = tuple[ShotRecord, ...] | AuxiliaryPhoto | SpoiltPhoto | None
-"""What came of a photo that was wanted; None where none was."""
+"""The result of an ordered photo; None where none was ordered."""
 
 
 @dataclass(frozen=True)
 class Order:
-    """What the owner of the devices is to do next: tell and keep the notes in their order, then
-    take the photo. Without one it asks again, for then the notes are to be known before work that
+    """What the owner of the devices does next: report and keep the notes in their order, then take
+    the photo. Without a photo it asks again, because the notes should be known before work that
     takes long; or all is `done`."""
 
     notes: tuple[OrderNote, ...]
@@ -140,18 +142,18 @@ class DevelopedRun:
     """A run whose pictures are written.
 
     record : of the run, with the map of its cells.
-    saturated : saturated pixels of each shot; exif : what its RAW file says of itself.
-    parts : that the pictures were made of.
-    rms_sigma, sigma_kind, sigma_mean : of the answer; infinite and None where it is not known.
-    rms_errors : against the scene's known truth, over the RMS of that, of quads and of means over
-        cells; None where nobody knows it.
+    saturated : number of saturated pixels of each shot; exif : what its RAW file says.
+    parts : number of parts that the pictures were made of.
+    rms_sigma, sigma_kind, sigma_mean : of the answer; infinite and None where not known.
+    rms_errors : against the scene's known truth, over its RMS, of quads and of means over cells;
+        None where the truth is not known.
     deviations : of each photo's realised probing matrix from the wanted one.
-    quality : the verdict on it.
+    quality : the verdict on the run.
     picture : name of the answer. warnings : of the previews.
-    decided : what was decided on the way where nobody had asked for it, in words.
-    transport : figures of entries of T that were photographed, by name; none else.
+    decided : decisions made on the way that nobody had asked for, in words.
+    transport : figures of entries of T that were photographed, by name; empty without any.
     blind : share of the cells of which nothing is known: without a pixel of a panel, or a quad.
-    dead : dead pixels of the camera.
+    dead : number of dead pixels of the camera.
     """
 
     record: RunRecord
@@ -185,7 +187,7 @@ def make_run_record(
     borders: BorderPhoto | None = None,
     room: DarkPhoto | None = None,
 ) -> RunRecord:
-    """What a run by this plan has to remember of itself, with the shots taken so far."""
+    """The record of a run by this plan, with the shots taken so far."""
     return RunRecord(
         goal=plan.recipe.target.goal,
         how=plan.how,
@@ -221,7 +223,7 @@ def make_developed_run(
     alive: Callable[[], None],
     scene: Scene | None = None,
 ) -> DevelopedRun:
-    """What is told of a decoded run; `errors` are those of its answer against a known truth,
+    """The figures of a decoded run; `errors` are those of its answer against a known truth,
     `scene`, `warnings` those of its pictures."""
     picture = decoded.answer
     known = picture.sigma[np.isfinite(picture.sigma)]
@@ -243,7 +245,7 @@ def make_developed_run(
         warnings=warnings,
         transport=compute_transport_figures(
             decoded.transport,
-            # Entries are of cells of codes, a scene's of its own: those of the whole picture.
+            # Entries are of code cells, and a scene's of cells of the whole picture.
             scene if record.projector.field_px is None else None,
             record.grid,
             pixels=decoded.cells.frame != record.grid,
@@ -255,12 +257,14 @@ def make_developed_run(
 def compute_transport_figures(
     found: TransportSlice | None, scene: Scene | None, grid: tuple[int, int], *, pixels: bool
 ) -> dict[str, float | int | None]:
-    """Photos, sigma and, of a scene of these cells that is known, error of entries of T, both over
-    the RMS of the entries; nothing where none were photographed. pixels : on a bench of pixels."""
+    """Number of photos, sigma and, where the scene with these cells is known, error of entries of
+    T, both over the RMS of the entries; empty where none were photographed. pixels : on a bench of
+    pixels."""
     if found is None:
         return {}
     error = None
-    # On a bench of pixels detail is no matter of cells: their entries are not what is seen there.
+    # On a bench of pixels, texture is finer than cells: entries of cells are not what is seen
+    # there.
     if scene is not None and scene.grid == grid and not (pixels and scene.textures):
         error = found.rms_error(
             compute_true_entries(scene, found.seen, found.lit, colours=found.entries.shape[2])
@@ -274,14 +278,15 @@ def compute_transport_figures(
 
 
 def _left(leaks: LeakErrors | None, how: CaptureScheme) -> float:
-    """RMS error of the answer by leaks that a look found and nothing takes off."""
+    """RMS error of the answer by leaks that were measured and are not corrected."""
     if leaks is None or leaks.both <= leaks.limit or how.black_level != "none":
         return 0.0
     return leaks.both
 
 
 def compute_rms_sigma(picture: Picture) -> float:
-    """RMS sigma over RMS image, where sigma is finite; infinite where that is nowhere or dark."""
+    """RMS sigma over RMS image, where sigma is finite; infinite where sigma is finite nowhere, or
+    all is dark there."""
     known = np.isfinite(picture.sigma)
     light = float(np.sum(picture.image**2, where=known))
     error = float(np.sum(picture.sigma**2, where=known, dtype=np.float64))

@@ -1,4 +1,4 @@
-"""The photo of the light along the borders of cells on its way."""
+"""Takes the photos of the light along the borders of cells."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord
 def photograph_borders(
     plan: Plan, config: Config, widest: float, exposer: Exposer, orders: Orders
 ) -> Generator[Order, PhotoOutcome, BorderPhoto | None]:
-    """Take its photos at the aperture of the white shot of a plan, for which they are wanted
-    (`pdcd.planning.border_photo`); None where one was spoilt.
+    """Take the photos at the aperture of the plan's white shot, which they belong to
+    (`pdcd.planning.border_photo`). Returns None where one was spoilt.
 
     widest : largest share of a quad that strips take.
     """

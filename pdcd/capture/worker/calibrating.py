@@ -1,4 +1,4 @@
-"""A calibration as it is worked out: scripts are sent photos, and say what they want next."""
+"""A calibration in the worker: scripts are sent photos, and say what they want next."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ from pdcd.sensor.raw import read_raw
 from pdcd.words import MarksName, SubjectName, VerdictName
 
 HELPED = "helped"
-"""Of the settings of a step: 1 where what it asked of a person was done."""
+"""Among the settings of a step: 1 where what it asked of a person was done."""
 _MAX_ARRAY_VALUES = 2**24
 """Most numbers of one array that is kept for later steps."""
 _MAX_ARRAYS_BYTES = 2**30
 """Most bytes of the file that holds them all."""
 _FILES = {"disparity.right": "disparities.npy"}
-"""Arrays that a request takes, by the step that finds them: files of their own, too."""
+"""Arrays that a request takes, by name: they are also written to files of their own."""
 _VERDICTS: Mapping[Verdict, VerdictName] = {
     Verdict.GOOD: "good",
     Verdict.DOUBTFUL: "doubtful",
@@ -69,9 +69,9 @@ _VERDICTS: Mapping[Verdict, VerdictName] = {
 
 @dataclass(frozen=True, eq=False)
 class NextPhoto:
-    """Take this photo; f_number is None where the lens is not set from here. covered : of a bench
-    whose projector's lens is covered. moving : for a shutter that moves meanwhile. counted : no
-    refresh of it may be late."""
+    """Take this photo; f_number is None where the lens is not set from here. covered : with the
+    projector's lens covered. moving : for a shutter that moves meanwhile. counted : none of its
+    refreshes may be late."""
 
     name: str
     frames: Frames
@@ -84,7 +84,7 @@ class NextPhoto:
 
 @dataclass(frozen=True)
 class OperatorTask:
-    """Have somebody do this."""
+    """Ask somebody to do this."""
 
     ask: UserPrompt
 
@@ -104,9 +104,9 @@ Next = NextPhoto | OperatorTask | StepResult
 class CalibrationStart:
     """What a calibration starts from.
 
-    before : folder of the calibration that is in use, for what its steps left for later ones.
-    helped : whether what is asked of a person is done. subject : what is in front of the
-        camera. marks : what the geometry is to show. steps : to come after the metering.
+    before : folder of the calibration in use, for arrays that later steps need.
+    helped : whether somebody does what a person is asked for. subject : what is in front of the
+        camera. marks : what the geometry step shows. steps : to come after the metering.
     """
 
     config: Config
@@ -121,7 +121,7 @@ class CalibrationStart:
 
 @dataclass
 class CalibrationStudy:
-    """One calibration under way: the script that runs, and what those before it found."""
+    """One calibration under way: the script that runs, and the results of those before it."""
 
     folder: Path
     session: CalibrationSession
@@ -139,7 +139,7 @@ class CalibrationStudy:
     steps: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        # What is kept: steps that are bad are learned from no further than this calibration goes.
+        # What is kept: results of bad steps are used in this calibration only.
         self.kept = replace(self.session, arrays=dict(self.session.arrays), done=[])
 
     @classmethod
@@ -214,7 +214,8 @@ class CalibrationStudy:
         return self._go_on(taken)
 
     def _check_frame(self, frame: tuple[int, int]) -> None:
-        """At the first photo of all: every further one would be for nothing."""
+        """Check the first photo of all: if it is too small, every further one would be for
+        nothing."""
         if self.step == METER and self.steps:
             check_frame_size(self.steps, self.session, frame)
 
@@ -252,7 +253,7 @@ class CalibrationStudy:
         )
 
     def _learn(self, outcome: StepOutcome) -> StepRecord:
-        """Go on by what a step found, and keep it unless it is bad or goes by what is."""
+        """Use what a step found, and keep it unless it is bad or depends on something bad."""
         step = self.step
         self.session.learn(step, outcome)
         why = "bad" if outcome.verdict is Verdict.BAD else explain_unused_step(step, self.left_out)
@@ -286,8 +287,8 @@ class CalibrationStudy:
             self.profile_text = format_profile(outcome.profile)
 
     def write(self, below: str = "") -> dict[str, MeasuredValue]:
-        """Write maps, arrays and profile of what is kept so far, into a folder of that name below;
-        returns what was measured. Raises DiskError."""
+        """Write maps, arrays and profile of the results so far, into a folder `below` where it is
+        given; returns the measured values. Raises DiskError."""
         folder, kept = self.folder / below, self.kept
         with disk_errors(str(self.folder)):
             if below:
@@ -304,7 +305,7 @@ class CalibrationStudy:
         return self.entries
 
     def _all_maps(self) -> dict[str, Map]:
-        """The maps of all devices, those of this calibration and those that it did not measure."""
+        """The maps of all devices, measured by this calibration or before."""
         places = {
             name: getattr(self.kept.config, name).place.map
             for name in ("projector", "mask", "camera")

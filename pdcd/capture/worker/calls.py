@@ -17,7 +17,7 @@ WORKER_COMMAND = make_module_command("pdcd.capture.worker")
 
 @dataclass(frozen=True)
 class TaskCall:
-    """Do that task of the table with these arguments."""
+    """Do this task of the table with these arguments."""
 
     name: str
     args: tuple[Any, ...]
@@ -26,12 +26,12 @@ class TaskCall:
 
 @dataclass(frozen=True)
 class StopCall:
-    """What is being done is not wanted any more; says nothing to one who does nothing."""
+    """The current task is not wanted any more; a worker without a task ignores it."""
 
 
 @dataclass(frozen=True)
 class LifeSign:
-    """A sign of life; with a `total` above 0 also how much is done, and at what stage."""
+    """A sign of life; with a `total` above 0 also the progress, and its stage."""
 
     done: float = 0.0
     total: float = 0.0
@@ -47,7 +47,7 @@ class TaskResult:
 
 @dataclass(frozen=True)
 class TaskFailure:
-    """The task raised; `spent` says that the process has seen better days: replace it."""
+    """The task raised; `spent` means that the process should be replaced."""
 
     error: PdcdError
     spent: bool = False

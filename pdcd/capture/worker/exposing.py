@@ -1,4 +1,4 @@
-"""How the photos of a job are exposed: ISO, and the aperture of each program by test exposures."""
+"""Settings for the photos of a job: ISO, and the aperture of each program by test exposures."""
 
 from __future__ import annotations
 
@@ -65,23 +65,23 @@ class Orders:
         self._notes: list[OrderNote] = []
 
     def note(self, *notes: OrderNote) -> None:
-        """To be told and kept before anything else is done with the devices."""
+        """Have notes reported and kept before anything else is done with the devices."""
         self._notes += notes
 
     def tell(self, note: OrderNote) -> Order:
-        """To be told and kept before work that takes long."""
+        """An order to report and keep a note, before work that takes long."""
         self.note(note)
         return Order(self._noted())
 
     def expose(self, wanted: PhotoOrder) -> Generator[Order, PhotoOutcome, PhotoOutcome]:
-        """To have a photo taken; returns what came of it."""
+        """Have a photo taken; returns its result."""
         return (yield Order(self._noted(), wanted))
 
     def look(
         self, wanted: PhotoOrder
     ) -> Generator[Order, PhotoOutcome, AuxiliaryPhoto | SpoiltPhoto]:
-        """To have a dark photo or one of pixels taken, without which a run goes on: for whoever
-        has to say what follows from one that was spoilt. Raises PdcdError for no answer."""
+        """Have a dark photo or one of pixels taken, without which a run goes on; the caller handles
+        a spoilt one. Raises PdcdError for any other result."""
         taken = yield from self.expose(wanted)
         if not isinstance(taken, AuxiliaryPhoto | SpoiltPhoto):
             raise PdcdError(f"photo {wanted.name} was asked for, and something else came")
@@ -97,7 +97,7 @@ class Orders:
 
 
 def make_dark_photo(photo: AuxiliaryPhoto, wanted: PhotoOrder, phase_s: float) -> DarkPhoto:
-    """What a run remembers of such a photo; phase_s : how long each of its states was shown."""
+    """The record of such a photo; phase_s : how long each of its states was shown."""
     return DarkPhoto(
         raw=photo.raw,
         sha256=photo.planes[0][1],
@@ -112,13 +112,13 @@ def make_dark_photo(photo: AuxiliaryPhoto, wanted: PhotoOrder, phase_s: float) -
 class Exposer:
     """Settings of the camera for one job, whose photos lie on `shelf`.
 
-    All photos share one ISO, and one aperture wherever their light allows that: two stops are never
-    as far apart as they are engraved.
+    All photos share one ISO, and one aperture wherever their light allows that, because the light
+    of two stops never differs exactly as engraved.
 
     iso : as planned; None for the lowest. stops : of the run, its own first; the light of others is
-    compared with that on the scene. apertures : f-number of each kind of shot, one for all its
-    parts; white shots have none, so theirs is under ''. per_slot : share of saturation that each
-    slot of a white shot brings at the run's own stop.
+        compared with that on the scene. apertures : f-number of each kind of shot, one for all its
+        parts; white shots have no kind, so theirs is under ''. per_slot : share of saturation that
+        each slot of a white shot gives at the run's own stop.
     """
 
     facts: RigFacts
@@ -130,7 +130,7 @@ class Exposer:
     stops: tuple[Stop, ...] = ()
     per_slot: float = 0.0
     _alone: dict[float, Bools] = field(default_factory=dict, init=False)
-    """Samples that were saturated by themselves, by the f-number of the test."""
+    """Samples that were saturated without light, by the f-number of the test."""
 
     def __post_init__(self) -> None:
         asked = self.facts.config.camera.f_number
@@ -156,13 +156,13 @@ class Exposer:
         return CameraSettings(self.iso, f_number if self.camera.f_numbers else None)
 
     def white_slots(self, planned: int) -> int:
-        """Slots of a white shot, of which so many are planned."""
+        """Slots of a white shot, given the planned number."""
         return fit_white_slots(self.per_slot, planned) if self.per_slot else planned
 
     def aperture(self, shot: Shot, planned: Sequence[Shot], shown: _Shows) -> _Exposing:
-        """The f-number of a shot of those that are `planned`: as configured, or by test exposures,
-        once for each kind. shown : what the panels show in a shot. Raises ConfigError for a lens
-        that has to be set by hand."""
+        """The f-number of a shot among those that are `planned`: as configured, or by test
+        exposures, once for each kind. shown : what the panels show in a shot. Raises ConfigError
+        for a lens that has to be set by hand."""
         asked = self.facts.config.camera.f_number
         if asked != "auto":
             return asked
@@ -195,7 +195,7 @@ class Exposer:
         return self.apertures[shot.kind] if asked == "auto" else asked
 
     def _begin(self, f_number: float) -> None:
-        """The run has this stop for its own."""
+        """Make this the run's own stop."""
         known = stop_of(f_number, self.facts.config.camera.stops)
         self.stops = (msgspec.structs.replace(known, sigma=0.0),)
 
@@ -203,7 +203,7 @@ class Exposer:
         self, shot: Shot, sequence: ShotSequence, f_number: float, *, join: bool = False
     ) -> _Exposing:
         """The f-number that test exposures lead to, of which the first is at `f_number`; with
-        `join` that one, if the shot can be taken at it."""
+        `join`, `f_number` itself if the shot can be taken at it."""
         saturation_dn = self.facts.profile.saturation_dn(self.iso)
         pairs, ratio = choose_test_pairs(sequence)
         frames, apertures = sequence.frames(pairs), self.camera.f_numbers
@@ -234,9 +234,9 @@ class Exposer:
     def _compare(
         self, name: str, sequence: ShotSequence, f_number: float
     ) -> Generator[Order, PhotoOutcome, None]:
-        """Compare the light of another stop, which a shot of that name wants, with that of the
-        run's own, by two photos of a sequence that is not too bright for the wider one of them.
-        Where these are too dark to tell, the stop counts as it is known without them."""
+        """Compare the light of another stop, for the shot `name`, with that of the run's own, by
+        two photos of a sequence that is not too bright for the wider one. Where these are too dark,
+        the stop is recorded as it is known without them."""
         own, known = self.stops[0], {stop.f_number for stop in self.stops}
         if f_number in known:
             return
@@ -272,9 +272,9 @@ class Exposer:
     def _shares(
         self, raw: str, sha256: str, f_number: float, ratio: Floats, saturation_dn: float
     ) -> tuple[float, float]:
-        """A test exposure: its brightest sample, and that of the real exposure at the same
-        aperture, as shares of saturation. What is saturated by itself at any aperture is stuck, and
-        no light. Raises DecodeError."""
+        """Of a test exposure: its brightest sample, and that of the real exposure at the same
+        aperture, as shares of saturation. Samples that are saturated by themselves at any aperture
+        are stuck, and do not count. Raises DecodeError."""
         frame = self._read(raw, sha256, saturation_dn)
         level = find_full_level(frame, self.facts.profile, self.iso)
         frame = frame if level is None else mark_full_samples(frame, level)

@@ -1,4 +1,4 @@
-"""From dark photos to the leaks of an answer, in figures; and what follows from ambient light."""
+"""Estimates the leaks of an answer from dark photos, and decides what to do about ambient light."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def estimate_leaks(
     watch: Watch,
     before: DarkPhoto | None = None,
 ) -> LeakErrors:
-    """RMS errors that leaks make of the answer so far.
+    """RMS errors that leaks make in the answer so far.
 
-    darks : a dark photo; and where it may matter whose the leak is, one without the lit projector,
-    too. Of one alone only an upper bound is told. before : one without the lit projector that was
-    taken before all shots. Raises DecodeError.
+    darks : a dark photo; and where it may matter which panel leaks, one without the lit projector,
+        too. A single one gives only an upper bound. before : one without the lit projector, taken
+        before all shots. Raises DecodeError.
     """
     look = plan.look
     if look is None:
@@ -66,8 +66,8 @@ def estimate_leaks(
 def estimate_room_change(
     darkroom: Darkroom, before: DarkPhoto, after: DarkPhoto, watch: Watch
 ) -> float:
-    """RMS error of the answer by what the room's light changed between two dark photos of the same
-    kind, had all of the answer got it as in one of them and what was taken off it as in the other.
+    """RMS error of the answer if the room's light changed between two dark photos of the same kind,
+    in the worst case: the whole answer has the light of one, and that of the other was subtracted.
 
     Raises DecodeError.
     """
@@ -80,7 +80,8 @@ def estimate_room_change(
 
 
 def choose_darker_photo(darkroom: Darkroom, one: DarkPhoto, other: DarkPhoto) -> DarkPhoto:
-    """Of two dark photos that with less light: where it changed, only that was surely always there.
+    """The one of two dark photos with less light: where the light changed, only that much was
+    surely always there.
 
     Raises DecodeError.
     """
@@ -89,7 +90,7 @@ def choose_darker_photo(darkroom: Darkroom, one: DarkPhoto, other: DarkPhoto) ->
 
 @dataclass(frozen=True)
 class _Mended:
-    """What the user must know of it, and what was decided about noise, in words."""
+    """What the user must know, and what was decided about noise, in words."""
 
     told: tuple[str, ...] = ()
     decided: str = ""
@@ -97,10 +98,10 @@ class _Mended:
 
 @dataclass(frozen=True)
 class AmbientResponse:
-    """What is done about ambient light beside black exposures.
+    """What is done about ambient light in addition to black exposures.
 
-    request, config, camera : of the job. before : its plan before the scouts of a pilot ended that;
-    None where they did not. average : whether everything may be shown more often.
+    request, config, camera : of the job. before : its plan before the scouts of a pilot ended the
+        pilot; None where they did not. average : whether everything may be shown more often.
     """
 
     request: CaptureRequest
@@ -117,11 +118,10 @@ class AmbientResponse:
         replan: Callable[[Plan], None],
         watch: Watch,
     ) -> _Mended:
-        """Have the run go on by a plan that knows of ambient light.
+        """Let the run go on with a plan that accounts for ambient light.
 
         plan : with its black exposures. photo : a dark photo that shows this light alone. `replan`
-        makes a plan that of the run; shots that it does not know are then none any more. Raises
-        DecodeError.
+            makes a plan the run's; shots that it does not contain are dropped. Raises DecodeError.
         """
         leaks = plan.leaks
         if leaks is None or leaks.ambient is None or leaks.ambient <= leaks.limit:
@@ -153,7 +153,7 @@ class AmbientResponse:
         return _Mended(told if enough else (*told, decided), decided)
 
     def _gone_on(self, plan: Plan, learned: PilotFindings | None) -> tuple[Plan, tuple[str, ...]]:
-        """The same, or that with a pilot which goes on after all."""
+        """The same plan, or one with a pilot that is resumed after all."""
         before = self.before
         if before is None or learned is None or not learned.promising or not before.how.coded:
             return plan, ()
@@ -166,8 +166,8 @@ class AmbientResponse:
     def _guided(
         self, plan: Plan, learned: PilotFindings, names: frozenset[str], watch: Watch
     ) -> Plan:
-        """The same with codes by a map that is clearer without ambient light; those that were shown
-        stay as they are."""
+        """The same plan with codes by a map that is clearer without ambient light; codes that were
+        already shown stay as they are."""
         guided = with_links(plan, learned.links, self.request.seed, watch).patterns
         shown = {shot.program for shot in plan.recipe.shots if shot.name in names}
         kept = {name: pair for name, pair in plan.patterns.items() if name in shown}

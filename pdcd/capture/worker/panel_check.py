@@ -1,4 +1,4 @@
-"""The look at both panels on its way: photos of blocks, and what they say of the panels."""
+"""Checks where both panels lie: takes photos of blocks, and evaluates them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from pdcd.runs.record import MeterRecord, PanelLook, ShotRecord
 from pdcd.sensor.raw import RawFrame
 
 _CLIPPED = 0.02
-"""Share of quads that may be clipped in a white photo: highlights are."""
+"""Share of quads that may be clipped in a white photo, for highlights."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class _Exposure:
 
 
 class PanelCheck:
-    """Takes the photos of a look, on the shelf of a job, and works out what they say."""
+    """Takes the photos of a panel check, on the shelf of a job, and evaluates them."""
 
     def __init__(self, facts: RigFacts, exposer: Exposer, orders: Orders) -> None:
         self._facts, self._exposer, self._orders = facts, exposer, orders
@@ -47,9 +47,10 @@ class PanelCheck:
     def run(
         self, plan: Plan, shots: tuple[ShotRecord, ...]
     ) -> Generator[Order, PhotoOutcome, PanelLook]:
-        """Look at the panels; where a photo was spoilt, or blocks would be too few, says so.
+        """Check the panels; the result says so where a photo was spoilt, or blocks would be too
+        few.
 
-        shots : that were taken, the white one among them if the plan has any.
+        shots : those taken, including the white one if the plan has any.
         """
         config, shot = self._facts.config, find_white_shot(plan)
         exposure = yield from self._exposure(plan)
@@ -82,7 +83,7 @@ class PanelCheck:
         return find_panel_places(seen, blocks, camera, maps, size_px, config.mask.blur_px)
 
     def _exposure(self, plan: Plan) -> Generator[Order, PhotoOutcome, _Exposure]:
-        """That of the white shot; without one, what the codes were metered for."""
+        """The exposure of the white shot; without one, that for which the codes were metered."""
         shot = find_white_shot(plan) or plan.last_exposed
         f_number = yield from self._exposer.aperture(shot, plan.recipe.shots, plan.sequence)
         return _Exposure(f_number, count_block_rows(plan))
@@ -90,8 +91,9 @@ class PanelCheck:
     def _take_white(
         self, exposure: _Exposure
     ) -> Generator[Order, PhotoOutcome, tuple[RawFrame | PanelLook, _Exposure]]:
-        """A white photo of a run that has no such shot, and how it was exposed. Codes may have been
-        metered without the direct light, so that it is taken again while too much is clipped."""
+        """A white photo for a run without such a shot, and its exposure. Codes may have been
+        metered without the direct light, so it is taken again with less light while too much is
+        clipped."""
         while True:
             photo = yield from self._take(WHITE_BLOCK_PHOTO, BlockPattern(1, 1), exposure)
             if isinstance(photo, PanelLook) or photo.saturated.mean() < _CLIPPED:
@@ -102,8 +104,8 @@ class PanelCheck:
             exposure = dimmer
 
     def _dimmed(self, exposure: _Exposure) -> _Exposure:
-        """With a ninth of the light by the aperture, or by the time where that is fixed; the same
-        where there is no less."""
+        """The exposure with a ninth of the light, by the aperture, or by the time where the
+        aperture is fixed; the same where there is no less."""
         if self._facts.config.camera.f_number != "auto":
             return replace(exposure, rows=max(1, exposure.rows // 9))
         stops = self._exposer.camera.f_numbers
@@ -112,7 +114,7 @@ class PanelCheck:
     def _take(
         self, name: str, blocks: BlockPattern, exposure: _Exposure
     ) -> Generator[Order, PhotoOutcome, RawFrame | PanelLook]:
-        """Take one photo; where it was spoilt, says so."""
+        """Take one photo; returns a `PanelLook` that says why where it was spoilt."""
         frames = BlockFrames(self._facts.config, blocks, exposure.rows).frames(name)
         f_number = exposure.f_number
         settings = self._exposer.settings(f_number)

@@ -1,8 +1,8 @@
-"""One job on its way: the plan it goes by, the shots it has, and what it wants next.
+"""One job on its way: its plan, the shots it has, and what it wants next.
 
-This is the one owner of a plan. `Course.next_exposure` says what to expose, is given what was taken
-and decides on its own what follows: an aperture, better codes after a pilot, a dark photo, black
-exposures after that, no more parts. Whoever has the devices only does what it is told, and keeps
+This is the only owner of a plan. `Course.next_exposure` says what to expose, is given what was
+taken and decides what follows: an aperture, better codes after a pilot, a dark photo, black
+exposures after that, no more parts. The owner of the devices only does what it is told, and keeps
 what it is told to keep.
 """
 
@@ -59,9 +59,9 @@ from pdcd.watch import Watch
 _RUNNING = "preview/running.png"
 """What is known of the answer while a run with `until_error` goes on."""
 _DARK_NAMES = ("look-dark", "look-ambient")
-"""Dark photos, as their RAW files are called."""
+"""Names of the RAW files of dark photos."""
 _ROOM_NAME, _AGAIN_NAME = "look-room", "look-again"
-"""A dark photo before all shots, and one after those that came after the look."""
+"""Names of a dark photo before all shots, and of one after the shots that came after the others."""
 
 _Steps = Generator[Order, PhotoOutcome, None]
 
@@ -76,7 +76,7 @@ class PlannedJob:
 
 
 class Course:
-    """Where one job stands whose photos lie in `folder`; its codes are stored there at once.
+    """The state of one job whose photos lie in `folder`; its codes are stored there at once.
 
     Raises NoSpaceError, or DiskError for any other refusal of the disk.
     """
@@ -87,14 +87,15 @@ class Course:
         self.plan, self.folder, self.shelf = job.plan, folder, PhotoShelf(folder)
         self._facts, self._request, self._camera = facts, job.request, job.camera
         self._before: Plan | None = None
-        """The plan before the scouts of a pilot ended that."""
+        """The plan before the scouts of a pilot ended the pilot."""
         self._looked = False
         self._room: DarkPhoto | None = None
         self._taken_off: DarkPhoto | None = None
-        """Before all shots; and what is taken off those without black exposures."""
+        """The dark photo before all shots; and the one that is subtracted from shots without black
+        exposures."""
         self._last_dark: tuple[DarkPhoto, DarkFrames, bool, int] | None = None
-        """Of the look: its last photo, what that showed, whether by a lit projector, and how many
-        shots there were."""
+        """The last dark photo, what the panels showed in it, whether with a lit projector, and how
+        many shots there were then."""
         self._panels: PanelLook | None = None
         self._borders: BorderPhoto | None = None
         self._panels_due = self._borders_due = not facts.cells_meet
@@ -108,12 +109,12 @@ class Course:
 
     @property
     def decided(self) -> tuple[str, ...]:
-        """What was decided about a pilot that nobody asked for, and about noise, in words."""
+        """What was decided about a pilot that nobody had asked for, and about noise, in words."""
         return tuple(text for text in (self._of_pilot, self._of_noise) if text)
 
     def next_exposure(self, watch: Watch, taken: PhotoOutcome) -> Order:
-        """What to do next, after `taken` was taken; None before the first exposure, and where there
-        was nothing to expose. Raises DecodeError, and ConfigError where the camera cannot do it."""
+        """What to do next, after `taken` was taken; None before the first exposure, and after an
+        order without a photo. Raises DecodeError, and ConfigError where the camera cannot do it."""
         self._watch = watch
         try:
             return self._steps.send(taken)
@@ -131,7 +132,7 @@ class Course:
         yield from self._look_again()
 
     def _shoot(self) -> _Steps:
-        """Shot after shot, as far as need be."""
+        """Shot after shot, as far as needed."""
         until, fresh = self._request.until_error, True
         while True:
             taken = self._names()
@@ -154,14 +155,14 @@ class Course:
                     return
 
     def _take(self, shot: Shot) -> _Steps:
-        """Meter if need be, and expose. With two buckets the shot of the second comes with it."""
+        """Meter if needed, and expose. With two buckets, the shot of the second comes with it."""
         f_number = yield from self._aperture(shot)
         taken = yield from self._orders.expose(self._ordered(shot, f_number))
         for record in cast(tuple[ShotRecord, ...], taken):
             self.darkroom.add(record)
 
     def order(self, shot: Shot) -> PhotoOrder:
-        """How a shot of the plan that was taken is taken again."""
+        """The order to take a shot of the plan again."""
         return self._ordered(shot, self._exposer.find_aperture(shot))
 
     def _ordered(self, shot: Shot, f_number: float) -> PhotoOrder:
@@ -174,15 +175,15 @@ class Course:
             settings=self._exposer.settings(f_number),
             f_number=f_number,
             window=sequence.window,
-            # What leaks through black goes by the time an exposure took, not by its codes: photos
-            # that are to be subtracted from each other must have shown them equally often.
+            # What leaks through black depends on the time of an exposure, not on its codes: photos
+            # that are subtracted from each other must have shown their codes equally often.
             even=any(s.of_leaks for s in shots),
             beside=tuple((s.name, plan.frames(s)) for s in shots if s.beside == shot.name),
         )
 
     def _aperture(self, shot: Shot) -> Generator[Order, PhotoOutcome, float]:
-        """The f-number of a shot; test exposures may change how long white is shown, and show how
-        much light a stop lets through."""
+        """The f-number of a shot; test exposures may change how long white is shown, and measure
+        how much light a stop lets through."""
         exposer, known = self._exposer, len(self._exposer.stops)
         f_number = yield from exposer.aperture(shot, self.plan.recipe.shots, self.plan.sequence)
         slots = self.plan.white_slots
@@ -232,8 +233,8 @@ class Course:
             self._orders.note("the pilot found nothing that better codes could avoid")
 
     def _look_at_panels(self, taken: frozenset[str]) -> Generator[Order, PhotoOutcome, bool]:
-        """Look whether both panels lie where they are believed to, once the white shot is there.
-        Returns whether anything was photographed."""
+        """Check whether both panels lie where they should, once the white shot is there. Returns
+        whether anything was photographed."""
         from pdcd.capture.worker.panel_check import PanelCheck  # no bench of cells needs it
         from pdcd.planning.panel_look import is_panel_check_due, is_panel_check_needed
         from pdcd.verdict.misplaced import list_placement_warnings
@@ -253,8 +254,8 @@ class Course:
         return True
 
     def _photograph_borders(self, taken: frozenset[str]) -> Generator[Order, PhotoOutcome, bool]:
-        """Photograph what gets through along the borders of whole cells that do not meet, once the
-        white shot is there. Returns whether anything was photographed."""
+        """Photograph what gets through along the borders of whole cells that do not coincide, once
+        the white shot is there. Returns whether anything was photographed."""
         from pdcd.planning.border_photo import (  # no bench of cells needs it
             is_border_photo_due,
             is_border_photo_needed,
@@ -277,7 +278,7 @@ class Course:
         return self._borders is not None
 
     def _look(self) -> _Steps:
-        """Take a dark photo, and black exposures where it calls for them."""
+        """Take dark photos, and add black exposures where these call for them."""
         self._looked = True
         plan, darks = self.plan, list[DarkPhoto]()
         due = DarkFrames.of(plan)
@@ -291,15 +292,15 @@ class Course:
             if self._room is not None and leaks.changed:
                 self._taken_off = choose_darker_photo(self.darkroom, self._room, dark)
             if leaks.both <= leaks.limit:
-                self._adopt(note_harmless_leaks(plan, leaks))  # the verdict knows of it
+                self._adopt(note_harmless_leaks(plan, leaks))  # for the verdict
                 break
         else:
             self._stop_leaks(leaks, darks[-1])
         self._orders.note(self.adopted())
 
     def _look_again(self) -> _Steps:
-        """See whether the light of the room is still what the look found, after shots that came
-        later: parts and black exposures, of which one would not show that it was switched."""
+        """After shots that came later than the dark photos, check whether the room's light is
+        unchanged: parts and black exposures do not show by themselves that it was switched."""
         if self._last_dark is None:
             return
         before, due, lit, shots = self._last_dark
@@ -329,7 +330,7 @@ class Course:
         return make_dark_photo(taken, wanted, due.phase_s)
 
     def _stop_leaks(self, leaks: LeakErrors, dark: DarkPhoto) -> None:
-        """Go on with black exposures and what else ambient light calls for, or say why not."""
+        """Go on with black exposures and what else ambient light requires, or say why not."""
         plan, config = self.plan, self._facts.config
         share = f"{100.0 * leaks.both:.2g} % of the picture (limit {100.0 * leaks.limit:.3g} %)"
         try:
@@ -337,7 +338,7 @@ class Course:
         except RequestError as err:
             self._adopt(
                 note_harmless_leaks(plan, leaks)
-            )  # what is known of leaks is to be remembered
+            )  # what is known of leaks must be recorded
             self._orders.note(
                 f"ambient light and leaks make {share}, and black exposures are not added: "
                 f"{err.message}"
@@ -354,9 +355,9 @@ class Course:
         self._of_noise = found.decided
 
     def _is_good_enough(self, target: float, shot: Shot) -> bool:
-        """Whether the parts taken so far reach the error asked for; tells how far they are.
+        """Whether the parts taken so far reach the wanted error; reports how far they are.
 
-        Only a spread of parts may end a run: with fewer than `FEWEST_PARTS` sigma is a guess.
+        Only the spread of parts may end a run: with fewer than `FEWEST_PARTS` sigma is a guess.
         """
         if not is_last_of_part(self.plan, shot):
             return False
@@ -385,7 +386,7 @@ class Course:
         return met
 
     def _adopt(self, plan: Plan) -> None:
-        """Go on by another plan; shots that it does not know are none any more."""
+        """Go on with another plan; shots that it does not contain are dropped."""
         other = plan.patterns is not self.plan.patterns
         self.plan = plan
         if other:
@@ -395,7 +396,7 @@ class Course:
         self.darkroom.replan(self._record(kept, record.cells))
 
     def adopted(self) -> AdoptedPlan:
-        """What has to be kept of the plan as it is now."""
+        """The current plan, as it has to be kept."""
         plan = self.plan
         return AdoptedPlan(
             summary=plan.summary(self._facts.config.limits.max_exposure_s),

@@ -1,4 +1,4 @@
-"""The worker process itself: takes one task after the other, tells how far it is, and answers."""
+"""The worker process itself: does one task after the other, reports progress, and answers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import logging
 import time
 from typing import Any, NoReturn
 
-# Loaded elsewhere only when they are used: here nobody waits for them.
+# Elsewhere these are loaded only when they are used; here nobody waits for them.
 import scipy.fft
 import scipy.ndimage
 import scipy.sparse
@@ -24,22 +24,22 @@ from pdcd.watch import Watch
 logger = logging.getLogger(__name__)
 
 _LOOK_S = 0.02
-"""Least time between two looks whether the work is still wanted."""
+"""Least time between two checks whether the work is still wanted."""
 _STEP_S = 0.05
-"""Least time between two messages on how far it is."""
+"""Least time between two messages about progress."""
 _SIGN_S = 0.5
 """Time without any message after which a sign of life is given."""
 
 
 class TaskLine:
-    """This end of the line, by which it is also told how far a task is."""
+    """This end of the line, which also carries the progress of a task."""
 
     def __init__(self, line: MessageLine[Any]) -> None:
         self.line = line
         self._looked_s = self._told_s = self._stepped_s = 0.0
 
     def watch(self) -> Watch:
-        """What hears of a task: it tells the other end, and ends the task when told to."""
+        """A watch for a task: it informs the other end, and ends the task when told to."""
 
         def alive() -> None:
             now_s = time.monotonic()
@@ -54,7 +54,7 @@ class TaskLine:
 
         def step(done: float, total: float) -> None:
             now_s = time.monotonic()
-            # The last is never left out; sums of many shares come out a little short.
+            # The last step is never left out; sums of many shares come out slightly short.
             if done >= (1.0 - 1e-9) * total or now_s - self._stepped_s >= _STEP_S:
                 self._stepped_s = self._told_s = now_s
                 self.line.send(LifeSign(done, total, watch.stage))
@@ -64,7 +64,7 @@ class TaskLine:
 
 
 def serve_tasks(line: MessageLine[Any]) -> NoReturn:
-    """Do what is asked until the other end is gone. Raises LineClosedError then."""
+    """Do tasks until the other end is gone. Raises LineClosedError then."""
     worker, talk = None, TaskLine(line)
     while True:
         message = line.receive()
@@ -76,7 +76,7 @@ def serve_tasks(line: MessageLine[Any]) -> NoReturn:
 
 
 def _answer(worker: Worker, call: TaskCall, watch: Watch) -> TaskResult | TaskFailure:
-    """Do one task; whatever it raises is the answer."""
+    """Do one task; an error that it raises is the answer."""
     try:
         return TaskResult(WORK[call.name](worker, watch, *call.args, **call.kwargs))
     except LineClosedError:
@@ -84,7 +84,7 @@ def _answer(worker: Worker, call: TaskCall, watch: Watch) -> TaskResult | TaskFa
     except PdcdError as err:
         failed = TaskFailure(err)
     except MemoryError:
-        # What little is left may not do for the next task.
+        # The little memory that is left may not be enough for the next task.
         failed = TaskFailure(make_memory_error(call.name), spent=True)
     except Exception as err:
         typed = to_typed_error(err)

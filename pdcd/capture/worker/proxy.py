@@ -1,5 +1,4 @@
-"""How a worker is reached: it works in this process, or in a child of it
-(`pdcd.capture.worker.spawned`)."""
+"""Access to a worker in this process, or in a child of it (`pdcd.capture.worker.spawned`)."""
 
 from __future__ import annotations
 
@@ -16,14 +15,14 @@ _R = TypeVar("_R")
 
 
 class WorkerProxy(Protocol):
-    """Has a worker do one task at a time."""
+    """Lets a worker do one task at a time."""
 
     def start(self) -> None:
-        """Get ready. Raises PdcdError when that cannot be."""
+        """Get ready. Raises PdcdError where that is impossible."""
         ...
 
     def stop(self) -> None:
-        """Leave off for good. Idempotent."""
+        """Stop for good. Idempotent."""
         ...
 
     def do(
@@ -33,25 +32,25 @@ class WorkerProxy(Protocol):
         *args: _P.args,
         **kwargs: _P.kwargs,
     ) -> _R:
-        """Do a task, a method of `Worker`, and return what it returns.
+        """Do a task, a method of `Worker`, and return its result.
 
-        `watch` hears of the work in the thread that asks, and may raise to end it. Raises what the
-        task raises; PlanError or DecodeError when it could not be brought to an end.
+        `watch` hears of the work in the calling thread, and may raise to end it. Raises what the
+        task raises; PlanError or DecodeError when it could not be completed.
         """
         ...
 
 
 class InProcessWorker:
-    """Does the work in this process, at once: no cost, no shelter."""
+    """Does the work in this process, at once: without overhead, and without protection."""
 
     def __init__(self, facts: RigFacts) -> None:
         self._worker = Worker(facts)
 
     def start(self) -> None:
-        """Nothing is needed."""
+        """Nothing to do."""
 
     def stop(self) -> None:
-        """Nothing is kept open."""
+        """Nothing to close."""
 
     def do(
         self,

@@ -1,7 +1,7 @@
-"""A stream in the worker: photos by which a finished first set is renewed, picture after picture.
+"""A stream in the worker: photos that renew a finished first set, picture after picture.
 
-`StreamPlan` is what the owner of the devices takes, over and over. Each photo goes into the
-darkroom in the place of the one before; what it was is forgotten, so that memory stays level.
+The owner of the devices takes the photos of a `StreamPlan`, over and over. In the darkroom each
+photo replaces the one before it, which is forgotten, so that memory does not grow.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from pdcd.runs.record import ShotRecord
 from pdcd.watch import Watch
 
 _BRIGHT, _FOLLOWS = 0.99, 0.1
-"""Share of the cells that are drawn darker than white, and of its change that a picture is drawn
-by: a live view must not flicker."""
+"""Share of the cells that are drawn darker than white, and share of a change of that level which
+each picture follows: a live view must not flicker."""
 
 
 @dataclass(frozen=True)
 class StreamRound:
-    """The photos of one picture: of a part, after those that it needs beside."""
+    """The photos of one picture: those of a part, after others that it needs."""
 
     part: int
     photos: tuple[PhotoOrder, ...]
@@ -47,8 +47,8 @@ class StreamRound:
 
 @dataclass(frozen=True)
 class StreamPlan:
-    """What a stream takes, round after round, and from the first one again. answer : name of its
-    picture."""
+    """What a stream takes, round after round, and then from the first one again. answer : name of
+    its picture."""
 
     rounds: tuple[StreamRound, ...]
     answer: str
@@ -56,8 +56,8 @@ class StreamPlan:
 
 @dataclass(frozen=True, eq=False)
 class StreamPhoto:
-    """A photo as it came: the shots of its planes, what the panels did, its files in memory by
-    their paths below the run folder."""
+    """A photo as it came: the shots of its planes, the frame log, and its files in memory by their
+    paths below the run folder."""
 
     shots: tuple[ShotRecord, ...]
     log: FrameLog
@@ -68,11 +68,11 @@ class StreamPhoto:
 class RollingPicture:
     """A picture of a stream.
 
-    image, sigma : (rows, cols, C) float64, means over cells, as of `pdcd.api.run.Run`. picture,
-    picture_sigma : (h, w, C), of the camera's own quads. kind : of sigma. rms_sigma : RMS of sigma
-    over that of the picture, None where that is not known. over : parts that it is made of.
-    unknown : share of the quads of which nothing is known. jpeg, size_px : as it is drawn, where
-    that was wanted.
+    image, sigma : (rows, cols, C) float64, means over cells, as in `pdcd.api.run.Run`. picture,
+        picture_sigma : (h, w, C), of the camera's own quads. kind : of sigma. rms_sigma : RMS of
+        sigma over that of the picture, None where it is not known. over : number of parts that it
+        is made of. unknown : share of the quads of which nothing is known. jpeg, size_px : the
+        picture as drawn, where that was wanted.
     """
 
     image: Floats
@@ -88,10 +88,10 @@ class RollingPicture:
 
 
 class StreamCourse:
-    """Where a stream stands whose first set of photos a course has taken."""
+    """The state of a stream whose first set of photos was taken by a course."""
 
     def __init__(self, course: Course, over: int, watch: Watch) -> None:
-        """over : of the newest parts, how many make a picture. Raises DecodeError."""
+        """over : how many of the newest parts make a picture. Raises DecodeError."""
         self._course = course
         self._rolling = RollingPictures(course.darkroom, over, watch)
         plan = course.plan
@@ -115,9 +115,10 @@ class StreamCourse:
     ) -> RollingPicture | str | None:
         """Take a photo; with `part` it is the last one of that part, and its picture is made.
 
-        draw : as a JPEG, too. Returns in words what is wrong with a photo that is no good: it
-        cannot be read, or the camera exposed for another time than was planned, or at another
-        ISO or stop than was asked for."""
+        draw : also as a JPEG. For a bad photo, returns what is wrong in words: it cannot be read,
+            or its time of exposure is not the planned one, or its ISO or stop is not the one asked
+            for.
+        """
         shelf = self._course.shelf
         before = {path: shelf.held(path) for path in photo.held}
         for path, data in photo.held.items():
@@ -135,7 +136,7 @@ class StreamCourse:
             return err.message
 
     def _make(self, part: int, watch: Watch, *, draw: bool) -> RollingPicture:
-        """The picture by the newest parts. Raises DecodeError."""
+        """The picture from the newest parts. Raises DecodeError."""
         made = self._rolling.picture(part, watch)
         cells = average_with_errors(
             made, self._course.darkroom.cells, self._rolling.find_full_quads()
@@ -157,9 +158,9 @@ class StreamCourse:
         )
 
     def keep(self, folder: Path) -> tuple[AdoptedPlan, Darkroom]:
-        """Write the codes and the newest photo of each shot into a run folder, with all others that
-        its record speaks of; what has to be kept of the plan, and who decodes it there. Raises
-        NoSpaceError and DiskError."""
+        """Write the codes and the newest photo of each shot into a run folder, with all other
+        photos of its record. Returns the plan as it has to be kept, and a darkroom for that folder.
+        Raises NoSpaceError and DiskError."""
         course = self._course
         record = course.darkroom.record
         course.write_patterns(folder)
@@ -171,7 +172,7 @@ class StreamCourse:
     def _drawn(
         self, made: PictureWithErrors, cells: PictureWithErrors
     ) -> tuple[bytes, tuple[int, int]]:
-        """A picture for eyes, as bright as those before it."""
+        """A picture for viewing, as bright as those before it."""
         white = float(np.quantile(cells.image.max(axis=-1), _BRIGHT)) or 1.0
         self._white = (
             white if self._white <= 0.0 else self._white + _FOLLOWS * (white - self._white)
@@ -190,9 +191,9 @@ class StreamCourse:
 def make_rounds(recipe: Recipe) -> list[tuple[int, tuple[Shot, ...]]]:
     """The photos of each part, in order, by its number.
 
-    Those that all parts share come with every part where the answer is made of them, as in what is
-    left of all light, and else once in a set: they tell little that changes. Raises DecodeError
-    where there are no parts.
+    Photos that all parts share are repeated with every part where the answer is made of them, as
+    for what remains of all light; otherwise they come once per set, because they show little that
+    changes. Raises DecodeError where there are no parts.
     """
     wanted = {name for photo in recipe.photos for _, name in photo.shots}
     taken = [

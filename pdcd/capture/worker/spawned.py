@@ -1,6 +1,6 @@
-"""The daemon's side of the worker: ask it, hear it, and replace it if need be.
+"""The daemon's side of the worker: ask it, hear it, and replace it if needed.
 
-The process is started once and kept warm. It may be killed at any time, by whomever: that costs the
+The process is started once and kept warm. It may be killed at any time, by anyone: that costs the
 job that it worked on, and the next one gets a new process.
 """
 
@@ -42,8 +42,8 @@ _R = TypeVar("_R")
 class SpawnedWorker:
     """One worker process at a time; see `pdcd.capture.worker.proxy.WorkerProxy`.
 
-    The kernel ends the process with the thread that started it, so `start` and `do` belong to a
-    thread that lives as long as it is wanted.
+    The kernel ends the process with the thread that started it, so `start` and `do` must be called
+    in a thread that lives as long as the process is needed.
     """
 
     def __init__(
@@ -82,11 +82,11 @@ class SpawnedWorker:
         *args: _P.args,
         **kwargs: _P.kwargs,
     ) -> _R:
-        """Have a task done; `watch` gives a sign of life at least ten times a second meanwhile.
+        """Have a task done; `watch` is called at least ten times a second meanwhile.
 
-        Raises what the task raises. A process that died, hung for `limits.work_silent_s` or ran out
-        of memory is replaced, and is a PlanError or DecodeError. When `watch` raises, the work ends
-        within `STOP_S`, by killing the process if need be.
+        Raises what the task raises. A process that died, was silent for `limits.work_silent_s` or
+        ran out of memory is replaced, and a PlanError or DecodeError is raised. When `watch`
+        raises, the work ends within `STOP_S`, by killing the process if needed.
         """
         name = task.__name__
         if WORK.get(name) is not task:
@@ -109,7 +109,7 @@ class SpawnedWorker:
         return value
 
     def _ask(self, child: Child[Any], call: TaskCall, watch: Watch) -> TaskResult | TaskFailure:
-        """Send a call and wait for the answer, telling `watch` what is told meanwhile."""
+        """Send a call and wait for the answer, passing progress on to `watch`."""
         silent_s = self._limits.work_silent_s
         self._busy = False
         if not self._told:
@@ -126,7 +126,7 @@ class SpawnedWorker:
                 watch.step(message.done, message.total)
 
     def _interrupt(self, child: Child[Any]) -> None:
-        """Have the task ended that is not wanted any more; in the end by a new process."""
+        """End the current task, which is not wanted any more; as a last resort by a new process."""
         if not self._busy:
             return
         until_s = time.monotonic() + STOP_S
@@ -143,7 +143,8 @@ class SpawnedWorker:
         self._replace()
 
     def _living(self, name: str) -> Child[Any]:
-        """A process to ask, a new one where there is none. Raises when it died amid a job."""
+        """A process to ask, a new one where there is none. Raises when it died in the middle of a
+        job."""
         child = self._child
         if child is not None and not child.running:
             how = child.how_it_ended()
@@ -159,7 +160,7 @@ class SpawnedWorker:
         return self._child
 
     def _replace(self) -> None:
-        """Kill the process if it lives, and start the next one, which gets warm meanwhile."""
+        """Kill the process if it lives, and start the next one, which warms up meanwhile."""
         self._kill()
         try:
             self.start()
@@ -192,8 +193,8 @@ class SpawnedWorker:
 
 
 def _for_child(argument: Any) -> Any:
-    """An argument as the child can use it: a path by one of this process' descriptors is told as
-    that, since the child has descriptors of its own."""
+    """An argument that the child can use: a path through a descriptor of this process is written
+    with the process number, because the child has descriptors of its own."""
     own = Path("/proc/self/fd")
     if isinstance(argument, Path) and argument.is_relative_to(own):
         return Path(f"/proc/{os.getpid()}/fd") / argument.relative_to(own)

@@ -1,4 +1,4 @@
-"""The pictures of a run as the scene really is: by its known transport, through the same optics."""
+"""The true pictures of a run: from the scene's known transport, through the same optics."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def compute_true_pictures(
     *,
     colours: int = 3,
 ) -> dict[str, _Image]:
-    """Every picture of a recipe as the camera's quads would have it of a perfect run, by name.
+    """Every picture of a recipe as the camera's quads would show it in a perfect run, by name.
 
-    Each (h, w, C) of so many `colours`, scene units. Extremes of photos are taken quad by quad, as
-    of photos. `alive` is called now and then, and may raise to end the work. `kept` holds those
-    that are known already.
+    Each is (h, w, C) with so many `colours`, in scene units. Extremes of photos are taken quad by
+    quad, as in photos. `alive` is called now and then, and may raise to end the work. `kept` holds
+    pictures that are known already.
     """
     photos = _Photos(recipe, optics, colours, alive)
     return {
@@ -45,7 +45,7 @@ def compute_true_pictures(
 
 
 class _Photos:
-    """True photos, each worked out when it is first wanted."""
+    """True photos, each computed when it is first needed."""
 
     def __init__(
         self, recipe: Recipe, optics: OpticalBench, colours: int, alive: Callable[[], None]
@@ -55,7 +55,8 @@ class _Photos:
         self._known: dict[str, Floats] = {}
 
     def picture(self, name: str, rule: Rule) -> Floats:
-        """What a rule makes of the true photos; the answer of an estimate is what it estimates."""
+        """What a rule makes of the true photos; where the answer is an estimate, what it
+        estimates."""
         recipe = self._recipe
         if name == recipe.answer_name and recipe.meant is not None:
             return self._seen(recipe.meant)
@@ -70,7 +71,7 @@ class _Photos:
         return self._known[name]
 
     def _seen(self, wanted: WantedMatrix) -> Floats:
-        """What a wanted matrix makes of the scene."""
+        """The scene through a wanted matrix."""
 
         def answer(part: Scene) -> Floats:
             return apply_probing_matrix(part, wanted, self._alive)

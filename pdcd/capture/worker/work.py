@@ -1,4 +1,4 @@
-"""What can be asked of the worker, by name, and the words in which it goes wrong."""
+"""The tasks of the worker, by name, and the errors of tasks that cannot be completed."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ WORK: Mapping[str, _Task] = MappingProxyType(
         "head": Worker.head,
     }
 )
-"""All that a child process can be asked."""
+"""All tasks of a child process."""
 
 FRESH_JOBS = frozenset({"plan", "calibrate"})
-"""What begins a job: it needs nothing of what was done before."""
+"""Tasks that begin a job: they need nothing of what was done before."""
 
 
 SPENT = 12
-"""Status with which a worker ends when it has no memory left even to say so."""
+"""Exit status of a worker that has not even the memory left to report it."""
 
 
 def make_work_error(name: str, what: str, hint: str) -> PdcdError:
@@ -51,7 +51,7 @@ def make_work_error(name: str, what: str, hint: str) -> PdcdError:
 
 
 def make_memory_error(name: str) -> PdcdError:
-    """The failure of a job that wanted more memory than there is for it."""
+    """The failure of a job that needed more memory than it may use."""
     return make_work_error(
         name,
         "ran out of memory",

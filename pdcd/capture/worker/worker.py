@@ -1,9 +1,9 @@
-"""The worker: it works a job out, its plan, its next photo, its pictures; no device is near.
+"""The worker: it computes a job's plan, its next photo and its pictures; it touches no device.
 
 Everything here takes long, or reads bytes that came from elsewhere. So the daemon has it done in a
-process of its own (`pdcd.capture.worker.spawned`); others call it where they are
-(`pdcd.capture.worker.proxy`). It owns what it needs between two calls, the plan above all
-(`pdcd.capture.worker.plan_owner`), and only what the caller must know goes back.
+process of its own (`pdcd.capture.worker.spawned`); others call it directly
+(`pdcd.capture.worker.proxy`). It keeps what it needs between two calls, above all the plan
+(`pdcd.capture.worker.plan_owner`), and returns only what the caller must know.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _Finished = tuple[Path, RunRecord, DecodedRun, KnownAnswer | None, dict[str, Dev
 
 
 class Worker:
-    """Works out one job after the other; `plan` begins a new one, `forget` ends it.
+    """Works on one job after the other; `plan` begins a new one, `forget` ends it.
 
     Every method takes a `Watch`, which hears of the work and may end it.
     """
@@ -85,9 +85,9 @@ class Worker:
         camera: CameraInfo | None,
         mask_lag_s: float | None,
     ) -> PlannedRun:
-        """Plan a request; what was kept of the job before is forgotten.
+        """Plan a request; what was kept of the previous job is forgotten.
 
-        `camera` may be None where the request wants no choice (`is_search_needed`) and no pictures
+        `camera` may be None where the request needs no search (`is_search_needed`) and no pictures
         will be made. `given` holds the request's arrays. Raises RequestError.
         """
         self.forget(watch)
@@ -125,18 +125,18 @@ class Worker:
         return self._course.adopted()
 
     def next_exposure(self, watch: Watch, taken: PhotoOutcome) -> Order:
-        """Go on after what was `taken`: what to tell and to keep, and what to expose next. Raises
+        """Go on after what was `taken`: what to report and to keep, and what to expose next. Raises
         DecodeError for a photo that cannot be read, ConfigError where the camera cannot do it."""
         return self._of_course().next_exposure(watch, taken)
 
     def look(
         self, watch: Watch, raw: str, sha256: str, held: Mapping[str, bytes] = MappingProxyType({})
     ) -> RawHead:
-        """Size, orientation and camera of a photo that has just come; the first one is decoded, as
-        photos of a form that cannot be are not worth taking.
+        """Size, orientation and camera of a photo that has just come. The first photo is decoded,
+        because photos in a format that cannot be decoded are not worth taking.
 
-        raw : path below the run folder. held : what is in the files of its planes, by their paths,
-        where these are in memory alone. Raises DecodeError.
+        raw : path below the run folder. held : contents of the files of its planes, by path, where
+            these are only in memory. Raises DecodeError.
         """
         shelf = self._of_course().shelf
         for path in {raw, *held}:
@@ -147,9 +147,9 @@ class Worker:
         return shelf.read_head(raw, sha256=sha256)
 
     def develop(self, watch: Watch, *, report: bool = False) -> DevelopedRun:
-        """Make all pictures and write them into the run folder; the job is forgotten then, but for
-        what a `report` needs, where one is wanted and soon made. After `keep` it is those of what
-        was kept, and the job goes on.
+        """Make all pictures and write them into the run folder. The job is then forgotten, except
+        for what a `report` needs, where one is wanted and quick. After `keep`, the pictures are of
+        what was kept, and the job goes on.
 
         Raises DecodeError, NoSpaceError.
         """
@@ -180,7 +180,8 @@ class Worker:
 
     def report(self, watch: Watch) -> str | None:
         """Write the page of the run that was developed last, whose folder is finished; returns its
-        name in there, or None where it would take too long. Raises DiskError and DecodeError."""
+        name in the folder, or None where it would take too long. Raises DiskError and
+        DecodeError."""
         finished, self._finished = self._finished, None
         if finished is None:
             return None
@@ -189,12 +190,12 @@ class Worker:
         return write_gathered_report(folder, read_manifest(folder), material).name
 
     def forget(self, watch: Watch) -> None:
-        """Keep nothing of the job."""
+        """Forget all of the job."""
         self._job = self._course = self._finished = self._stream = self._kept = None
 
     def roll(self, watch: Watch, over: int) -> StreamPlan:
-        """Go on with the photos of a finished course, again and again: what to take, round after
-        round. over : how many of the newest parts make a picture. Raises DecodeError."""
+        """Go on with the photos of a finished course, again and again; returns what to take, round
+        after round. over : how many of the newest parts make a picture. Raises DecodeError."""
         from pdcd.capture.worker.rolling import StreamCourse  # no capture waits for it
 
         self._stream = StreamCourse(self._of_course(), over, watch)
@@ -203,21 +204,21 @@ class Worker:
     def see(
         self, watch: Watch, photo: StreamPhoto, part: int | None, *, draw: bool
     ) -> RollingPicture | str | None:
-        """Take a photo of a stream; with `part` it is the last one of that, and its picture is
-        made, as a JPEG, too, where it is to `draw`. Returns in words what is wrong with a photo
-        that is no good, which ends nothing."""
+        """Take a photo of a stream; with `part` it is the last one of that part, and its picture is
+        made, with `draw` also as a JPEG. Returns in words what is wrong with a bad photo, which
+        does not end the stream."""
         return self._of_stream().see(watch, photo, part, draw=draw)
 
     def keep(self, watch: Watch, folder: Path) -> tuple[AdoptedPlan, tuple[ShotRecord, ...]]:
-        """Write codes and newest photos of a stream into a run folder, which `develop` makes the
-        pictures of; the plan, and these photos. Raises NoSpaceError and DiskError."""
+        """Write codes and newest photos of a stream into a run folder, of which `develop` makes the
+        pictures; returns the plan, and these photos. Raises NoSpaceError and DiskError."""
         adopted, darkroom = self._of_stream().keep(folder)
         self._kept = folder, darkroom
         return adopted, darkroom.record.shots
 
     def calibrate(self, watch: Watch, begin: CalibrationStart, folder: Path) -> None:
-        """Begin a calibration, whose photos will lie in `folder`; what was kept of the job before
-        is forgotten. Raises ConfigError."""
+        """Begin a calibration, whose photos will lie in `folder`; the previous job is forgotten.
+        Raises ConfigError."""
         from pdcd.capture.worker.calibrating import (
             CalibrationStudy,  # no capture waits for its steps
         )
@@ -226,25 +227,25 @@ class Worker:
         self._study = CalibrationStudy.begun(begin, folder)
 
     def step(self, watch: Watch, name: str, now_utc: str) -> Next:
-        """Begin a step: what it wants first. Raises CalibrationError."""
+        """Begin a step; returns what it wants first. Raises CalibrationError."""
         return self._of_study().begin(name, now_utc)
 
     def photo(self, watch: Watch, record: PhotoRecord) -> Next:
-        """Go on with the photo that was wanted, which lies in the folder with its lines of
-        frames.csv. Raises DecodeError and CalibrationError."""
+        """Go on with the ordered photo, which lies in the folder with its lines of frames.csv.
+        Raises DecodeError and CalibrationError."""
         return self._of_study().photo(record)
 
     def answered(self, watch: Watch) -> Next:
-        """Go on: somebody did what was asked."""
+        """Go on: somebody has done what was asked."""
         return self._of_study().answered()
 
     def measured(self, watch: Watch, below: str = "") -> dict[str, MeasuredValue]:
-        """Write what all steps found so far into a folder below that of the calibration, and
+        """Write what all steps found so far into a folder inside that of the calibration, and
         return the values. Raises DiskError."""
         return self._of_study().write(below)
 
     def head(self, watch: Watch, folder: Path, raw: str) -> RawHead:
-        """What a photo in a folder says of itself. Raises DecodeError."""
+        """What the header of a photo in a folder says. Raises DecodeError."""
         return read_raw_head(folder / raw)
 
     def _of_course(self) -> Course:
