@@ -23,13 +23,13 @@ from pdcd.server.aside import call_in_thread
 logger = logging.getLogger(__name__)
 
 LOOKUP_S = 1.0
-"""How long a client may wait for its user's name, in seconds; then its number must do."""
+"""How long a client may wait for its user's name, in seconds; after that the number is used."""
 
 NAME_KEPT_S = 60.0
-"""How long a name is believed, in seconds."""
+"""How long a looked-up name stays valid, in seconds."""
 
 _SO_PEERGROUPS = 59
-"""Of Linux, from 4.13 on; `socket` has no name for it. See socket(7)."""
+"""Constant of Linux, from 4.13 on, for which `socket` has no name. See socket(7)."""
 
 _MOST_BYTES = 1024
 """Longest answer that `getsockopt` of Python takes: 256 groups."""
@@ -59,7 +59,8 @@ def peer_of(sock: socket.socket) -> Peer:
 
 
 def _groups_of(sock: socket.socket) -> frozenset[int]:
-    """Groups of the process that connected. No user database is asked: it might not answer."""
+    """Groups of the process that connected. No user database is asked, because it might not
+    answer."""
     try:
         packed = sock.getsockopt(socket.SOL_SOCKET, _SO_PEERGROUPS, _MOST_BYTES)
     except OSError as err:
@@ -70,7 +71,7 @@ def _groups_of(sock: socket.socket) -> frozenset[int]:
 
 @dataclass(frozen=True)
 class Access:
-    """The role of each user and group that is served; who has none is not.
+    """The role of each user and group that is served; users without a role are not served.
 
     `own` are the daemon's own user and root, for whom places are kept.
     """
@@ -81,7 +82,8 @@ class Access:
 
     @classmethod
     def to(cls, sock: socket.socket, config: ServerConfig) -> Access:
-        """The rule for a bound socket: its file names a group, the configuration all others.
+        """The rule for a bound socket: the group of its file may shoot, the configuration gives all
+        else.
 
         Looks groups up by name, which may take long. Raises ConfigError for an unknown group.
         """
@@ -105,7 +107,7 @@ class Access:
         return cls(uids, gids, own)
 
     def role(self, peer: Peer) -> ClientRole | None:
-        """The highest role that the user or one of the groups gives; None: not served."""
+        """The highest role of the user and the groups; None: not served."""
         found = [self.gids[gid] for gid in {peer.gid, *peer.groups} if gid in self.gids]
         if peer.uid in self.uids:
             found.append(self.uids[peer.uid])
@@ -129,7 +131,8 @@ def _gid(group: str | int) -> int:
 
 
 class Names:
-    """Names of users. The database of users may be a server that hangs, so it is asked aside."""
+    """Names of users. The user database may be a server that hangs, so it is asked in another
+    thread."""
 
     def __init__(self, look_up: Callable[[int], str] | None = None) -> None:
         self._look_up = look_up or _user_name
@@ -149,12 +152,13 @@ class Names:
                 return await asyncio.shield(task)
         except TimeoutError:
             logger.warning("the name of a user cannot be looked up uid=%d", uid)
-            # Nobody waits again for what hangs. When it is answered, the name takes this place.
+            # Nobody waits again for a lookup that hangs. Once it is answered, the name replaces the
+            # number.
             self._keep(uid, str(uid))
             return str(uid)
 
     async def close(self) -> None:
-        """Wait no longer for names."""
+        """Stop waiting for names."""
         left = list(self._asked.values())
         for task in left:
             task.cancel()

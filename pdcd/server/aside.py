@@ -1,4 +1,5 @@
-"""Calls that may hang, made where they hold up nobody, and what comes of calls in other threads."""
+"""Calls that may hang, made in threads where they hold up nobody, and the outcomes of such
+calls."""
 
 from __future__ import annotations
 
@@ -13,25 +14,26 @@ _R = TypeVar("_R")
 
 
 class Outcome(NamedTuple, Generic[_R]):
-    """What a call returned or raised, as a value: for not every error may pass through a future,
-    and some would end the loop."""
+    """What a call returned or raised, as a value: not every error may pass through a future, and
+    some would end the loop."""
 
     value: _R | None
     error: BaseException | None
 
     @classmethod
     def of(cls, call: Callable[[], _R]) -> Outcome[_R]:
-        """Make the call, in whatever thread this is."""
+        """Make the call, in the current thread."""
         try:
             return cls(call(), None)
-        # Whatever it raises belongs to the caller, as in a direct call.
+        # Any error belongs to the caller, as in a direct call.
         except BaseException as err:
             return cls(None, err)
 
     def get(self) -> _R:
-        """The value, or the error raised: one that would end more than the caller, as SystemExit
-        does, as a RuntimeError. No frame on its way goes on knowing it: an error that its own
-        frames know is kept, with all that they know, until the next search for such circles."""
+        """Return the value, or raise the error. An error that would end more than the caller, such
+        as SystemExit, is raised as a RuntimeError. No frame on the way keeps a reference to it: an
+        error that its own frames refer to stays alive, with all that these refer to, until the next
+        garbage collection of cycles."""
         try:
             if isinstance(self.error, Exception):
                 raise self.error
@@ -43,7 +45,7 @@ class Outcome(NamedTuple, Generic[_R]):
 
 
 def finish_future(future: asyncio.Future[_R], value: _R) -> None:
-    """In the loop: end the wait of whoever still waits."""
+    """In the loop: give the value to a future, if anyone still waits for it."""
     if not future.done():
         future.set_result(value)
 
@@ -51,8 +53,8 @@ def finish_future(future: asyncio.Future[_R], value: _R) -> None:
 async def call_in_thread(function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
     """Make the call in a thread of its own and wait for what it returns or raises.
 
-    A caller who waits no longer leaves the thread behind. It is no thread of a pool, so that one
-    call that hangs does not hold up another, nor the end of the process.
+    If the caller stops waiting, the thread is left behind. It does not belong to a pool, so that
+    one call that hangs holds up neither another one nor the end of the process.
     """
     loop = asyncio.get_running_loop()
     done: asyncio.Future[Outcome[_R]] = loop.create_future()
@@ -69,5 +71,5 @@ async def call_in_thread(function: Callable[_P, _R], *args: _P.args, **kwargs: _
         return (await done).get()
     finally:
         if not done.cancelled():
-            thread.join()  # all that it has left to do is to end
+            thread.join()  # it has nothing left to do
         del done

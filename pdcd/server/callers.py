@@ -1,4 +1,4 @@
-"""One who calls, as the server sees it: who it is, and what it has yet to be told."""
+"""A caller as the server sees it: who it is, and the lines that wait to be sent to it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from pdcd.server.stream import Stream
 logger = logging.getLogger(__name__)
 
 QUEUE_LINES = 256
-"""Lines that wait for a slow client before thinned events are dropped, and then the client."""
+"""Lines that may wait for a slow client; beyond that, thinned events are dropped, then the
+client."""
 
 QUEUE_BYTES = 8 * MAX_LINE
 """Bytes of those lines."""
@@ -26,22 +27,22 @@ STUCK_S = 5.0
 
 
 class _Waiting(NamedTuple):
-    """A line that is to be sent, whether it may be left out, and a descriptor that goes with it."""
+    """A line to be sent, whether it may be dropped, and a descriptor that goes with it."""
 
     line: bytes
     droppable: bool
     fd: int | None
 
     def close(self) -> None:
-        """Let go of the descriptor."""
+        """Close the descriptor."""
         if self.fd is not None:
             os.close(self.fd)
 
 
 class Caller:
-    """One connection: who it is, what it listens to, and the lines it has yet to take.
+    """One connection: who it is, which events it subscribed to, and the lines that wait for it.
 
-    `role` is what it may do, which is settled for as long as it is connected.
+    `role` is what it may do; it does not change while it is connected.
     """
 
     def __init__(self, number: int, peer: Peer, role: ClientRole, stream: Stream) -> None:
@@ -52,7 +53,7 @@ class Caller:
         self.gone = False
         """True once the client has left."""
         self.idle_s = 0.0
-        """How long it has wanted nothing."""
+        """How long it has asked for nothing."""
         self._stream = stream
         self._lines: deque[_Waiting] = deque()
         self._bytes = 0
@@ -60,8 +61,8 @@ class Caller:
         self._finishing = False
 
     def send(self, line: bytes, *, droppable: bool = False, fd: int | None = None) -> None:
-        """Put a line in the queue, with a descriptor that it is to have and which is closed after
-        it; never blocks. A full queue costs thinned events, then the client."""
+        """Queue a line, with a descriptor to be sent with it, which is closed afterwards; never
+        blocks. A full queue costs thinned events, then the client."""
         entry = _Waiting(line, droppable, fd)
         if self._finishing:
             entry.close()
@@ -81,14 +82,15 @@ class Caller:
         self._changed.set()
 
     async def room(self) -> None:
-        """Wait until half the queue is free, so that a burst of requests is no reason to part."""
+        """Wait until half the queue is free, so that a burst of requests does not cost the
+        client."""
         while not self._stream.is_cut and (
             len(self._lines) > QUEUE_LINES // 2 or self._bytes > QUEUE_BYTES // 8
         ):
             await self._wait_change()
 
     async def pump(self) -> None:
-        """Write the queued lines until `finish`; a client that is stuck is cut off."""
+        """Write the queued lines until `finish`; a client that does not read is cut off."""
         try:
             while self._lines or not self._finishing:
                 if not self._lines:
@@ -105,7 +107,7 @@ class Caller:
         except TimeoutError:
             self.abort(f"it has not read for {STUCK_S:g} s")
         except OSError:
-            self._cut()  # it has closed its end: nothing to remark on
+            self._cut()  # it has closed its end, which is not worth a warning
 
     def finish(self) -> None:
         """Let `pump` end when the queue is empty."""

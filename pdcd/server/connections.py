@@ -1,7 +1,7 @@
-"""The socket layer: accept, check who it is, let it speak (`reading`), deliver events.
+"""The socket layer: accept, check who it is, read requests (`reading`), deliver events.
 
-Nothing here knows what a method does, and nothing here blocks: a client that does not read, or
-does nothing at all, is cut off, and never holds up another one or the panels.
+Nothing here knows what a method does, and nothing here blocks: a client that does not read, or does
+nothing at all, is cut off, and never holds up another one or the panels.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pdcd.server.stream import Stream
 logger = logging.getLogger(__name__)
 
 LINGER_S = 2.0
-"""How long requests made before an end of stream may still be answered, in seconds."""
+"""How long requests made before the end of a stream may take to be answered, in seconds."""
 
 KEPT_PLACES = 4
 """Places kept for root, and as many for the daemon's own user, when all others are taken."""
@@ -37,11 +37,11 @@ _ACCEPTS = 16
 """Most clients that are accepted in one turn of the loop."""
 
 NO_ACCEPT_S = 1.0
-"""Pause in seconds when the system has nothing left to accept a client with."""
+"""Pause in seconds when the system has no resources left to accept a client."""
 
 
 class Server:
-    """Serves a listening socket, which it closes in the end.
+    """Serves a listening socket, which it finally closes.
 
     `access` decides who may be a client, `limits` how many there may be.
     """
@@ -59,7 +59,7 @@ class Server:
 
     @property
     def connections(self) -> int:
-        """How many clients there are."""
+        """The number of clients."""
         return len(self._callers)
 
     def open(self, service: Service) -> None:
@@ -68,7 +68,7 @@ class Server:
         asyncio.get_running_loop().add_reader(self._sock, self._accept, service)
 
     async def close(self) -> None:
-        """Accept no more, deliver what is queued for up to a second, and part from all."""
+        """Stop accepting, deliver what is queued for up to a second, and close all connections."""
         asyncio.get_running_loop().remove_reader(self._sock)
         self._sock.close()
         for caller in self._callers.values():
@@ -81,7 +81,7 @@ class Server:
         await self._names.close()
 
     def publish(self, job: Job, event: Event) -> None:
-        """Send an event to those who listen. Never blocks."""
+        """Send an event to its subscribers. Never blocks."""
         try:
             line = encode_notification("event", event)
         except ProtocolError:
@@ -93,7 +93,7 @@ class Server:
                 caller.send(line, droppable=isinstance(event, THINNED))
 
     def _accept(self, service: Service) -> None:
-        """Take those who wait; each is served by a task of its own."""
+        """Accept waiting clients; each is served by a task of its own."""
         for _ in range(_ACCEPTS):
             try:
                 sock, _ = self._sock.accept()
@@ -140,7 +140,7 @@ class Server:
     async def _admit(
         self, service: Service, stream: Stream, number: int, peer: Peer, role: ClientRole
     ) -> None:
-        """Serve one who may come in, and close all that came in with it."""
+        """Serve an admitted client, and close all descriptors that came with it."""
         peer = dataclasses.replace(peer, user=await self._names.of(peer.uid))
         logger.info(
             "accepted connection=%d pid=%d uid=%d gid=%d user=%s role=%s",
@@ -152,13 +152,14 @@ class Server:
         finally:
             stream.cut()
             logger.info("closed connection=%d", number)
-            # Who hands us what cannot be closed keeps the place taken, and can do it only so often.
+            # A client that passes something that cannot be closed keeps its place taken, so it can
+            # do that only so often.
             await descriptors.end()
 
     async def _converse(
         self, service: Service, caller: Caller, stream: Stream, descriptors: Descriptors
     ) -> None:
-        """Hello, then requests and answers until either side has had enough."""
+        """Hello, then requests and answers until either side ends the connection."""
         self._callers[caller.number] = caller
         caller.send(encode_notification("hello", service.hello()))
         reader = RequestReader(service, caller, stream, descriptors, self._shares)
@@ -184,9 +185,10 @@ class Server:
     async def _idle(
         self, service: Service, caller: Caller, open_requests: set[asyncio.Task[None]]
     ) -> None:
-        """Return when the client has wanted nothing for `idle_s`, having told it so.
+        """Return when the client has asked for nothing for `idle_s`, after telling it so.
 
-        Counted in steps: a daemon that was held up itself for a while blames nobody for that time.
+        Time is counted in steps: when the daemon itself was held up, no client is blamed for that
+        time.
         """
         limit_s = self._limits.idle_s
         step_s = limit_s / 8.0
@@ -229,7 +231,7 @@ def _stranger(peer: Peer) -> DeniedError:
 
 
 async def _refuse(stream: Stream, number: int, peer: Peer, error: PdcdError) -> None:
-    """Tell one who may not come in why; it is one short line, for which there is always room."""
+    """Tell a refused client why; it is one short line, for which there is always room."""
     logger.info(
         "refused connection=%d pid=%d uid=%d gid=%d error=%s",
         *(number, peer.pid, peer.uid, peer.gid, error),

@@ -42,14 +42,14 @@ _EXIT_DONE, _EXIT_CONFIG, _EXIT_FAILED = 0, 2, 5
 """Exit codes, as everywhere in pdcd."""
 
 GROUPS_S = 10.0
-"""How long the groups of the configuration may be looked up, in seconds."""
+"""How long looking up the groups of the configuration may take, in seconds."""
 
 _STATUS_INTERVAL_NS = 1_000_000_000
 """Least time between two progress lines to the service manager."""
 
 _M_ARENA_MAX, _M_MMAP_THRESHOLD = -8, -3
-"""Of glibc's mallopt: how many stores of free memory there may be, and from how many bytes on a
-block is mapped for itself, and unmapped once it is free."""
+"""Options of glibc's mallopt: the most arenas of free memory, and the size in bytes from which a
+block is mapped on its own, and unmapped once it is free."""
 _MAPPED_BYTES = 2**17
 _TRIM_S = 5.0
 
@@ -74,9 +74,9 @@ def run_daemon(
 
 
 def _share_free_memory() -> None:
-    """Let all threads use what one of them frees, and the system have the large blocks: otherwise
-    the C library keeps for each thread as much as it ever had, and by and by larger blocks. Where
-    it is another library, nothing is done."""
+    """Let all threads use memory that any of them frees, and return large blocks to the system.
+    Otherwise the C library keeps for each thread as much as it ever had, and gradually larger
+    blocks. Does nothing where the C library is another one."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(_M_ARENA_MAX, 1)
@@ -84,7 +84,7 @@ def _share_free_memory() -> None:
 
 
 async def _return_memory() -> None:
-    """Give free pages between blocks in use back from time to time; never returns."""
+    """Return free pages between blocks in use to the system from time to time; never returns."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", lambda _: None)
     while True:
         await asyncio.sleep(_TRIM_S)
@@ -119,7 +119,7 @@ async def serve_daemon(
     engine_factory: _EngineFactory,
     stop: asyncio.Event,
 ) -> None:
-    """Serve until `stop` is set. Raises PdcdError when the socket or the rig cannot be had."""
+    """Serve until `stop` is set. Raises PdcdError when the socket or the rig cannot be used."""
     notifier = Notifier()
     worker = EngineThread()
     try:
@@ -148,7 +148,7 @@ async def serve_daemon(
 def _state(config: Config) -> AbstractContextManager[None]:
     """The state folder, made where it is missing, for this daemon alone.
 
-    `pdcd capture --local` does not ask for it: runs never share a folder, and devices guard
+    `pdcd capture --local` does not lock it: runs never share a folder, and devices protect
     themselves.
     """
     folder = find_state_dir(config)
@@ -164,7 +164,7 @@ def _state(config: Config) -> AbstractContextManager[None]:
 
 
 async def _access(sock: Socket, config: ServerConfig) -> Access:
-    """Who may do what. Raises ConfigError for groups that are not known, or not in time."""
+    """Who may do what. Raises ConfigError for groups that are unknown, or not found in time."""
     try:
         async with asyncio.timeout(GROUPS_S):
             return await call_in_thread(Access.to, sock, config)

@@ -38,11 +38,11 @@ class Descriptors:
 
     @property
     def unclaimed(self) -> int:
-        """How many came that no request has named yet."""
+        """How many descriptors came that no request has claimed yet."""
         return len(self._unclaimed)
 
     def receive(self, fds: Iterable[int]) -> None:
-        """Take over what came, in order."""
+        """Take over descriptors that came, in order."""
         self._unclaimed += fds
 
     def take(self, count: int) -> tuple[int, ...]:
@@ -83,12 +83,12 @@ class Descriptors:
         self._close(left)
 
     async def settle(self, within_s: float) -> None:
-        """Wait until all that was given back is closed, but no longer than that."""
+        """Wait until all that was released is closed, but not longer than that."""
         if self._closing:
             await asyncio.wait(list(self._closing), timeout=within_s)
 
     async def end(self) -> None:
-        """Close all and wait until that is done, which may be for ever."""
+        """Close all and wait until that is done, which may take forever."""
         self.close()
         try:
             while self._closing:

@@ -1,13 +1,13 @@
 """The daemon's end, which waits for no driver.
 
-A driver may block in C, loop, or not heed a cancel. From the signal on::
+A driver may block in C, loop, or ignore a cancel. From the signal on::
 
-    at once       every wait of a driver hears a cancel; jobs end, devices are let go
-    ORDERLY_S     what has not ended by then is left: panels black and shutter closed are asked for
-                  beside it, for SAFE_S, and the process ends. Guardians and the presenter see that
-                  its end of their lines is closed, and make safe what was not
-    KEPT_S        where not even that can be, as a driver holds the interpreter, a process beside
-                  this one kills it (`pdcd.server.keeper`)
+    at once       every wait of a driver is cancelled; jobs end, devices are released
+    ORDERLY_S     what has not ended by then is left: panels and shutter are made safe from
+                  another thread, for SAFE_S, and the process ends. Guardians and the presenter
+                  see that their lines were closed, and make safe what was not
+    KEPT_S        where even that is impossible, because a driver holds the interpreter, another
+                  process kills this one (`pdcd.server.keeper`)
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from pdcd.server.worker import ENGINE_THREAD
 logger = logging.getLogger(__name__)
 
 ORDERLY_S, SAFE_S, KEPT_S = 6.0, 1.5, 9.0
-"""Since the signal, and between: how long each way of ending has. All is over within ten seconds.
-"""
+"""Time in seconds that each way of ending has: since the signal, for making safe, and since the
+signal again. All is over within ten seconds."""
 _KEEPER = (sys.executable, "-I", "-S", str(Path(__file__).with_name("keeper.py")))
 _FAILED = 5
 _NOW, _NEVER = b"e", b"n"
 
 
 class Ending:
-    """Sees that this process ends in time once it was told to."""
+    """Makes sure that this process ends in time once it was told to."""
 
     def __init__(self) -> None:
         self._engine: EngineLike | None = None
@@ -47,17 +47,17 @@ class Ending:
         threading.Thread(target=self._see_to_it, name="pdcd-ending", daemon=True).start()
 
     def watch(self, engine: EngineLike) -> None:
-        """From now on it is this engine that has devices."""
+        """Set the engine that has the devices from now on."""
         self._engine = engine
         if self._begun:
             engine.break_off()
 
     def begin(self) -> None:
-        """The daemon is to end. Returns at once; called once, from a signal handler."""
+        """Begin to end the daemon. Returns at once; called once, from a signal handler."""
         os.write(self._tell, _NOW)
 
     def close(self) -> None:
-        """There is nothing to see to: the daemon ends by itself."""
+        """Stop watching: the daemon ends by itself."""
         os.write(self._tell, _NEVER)
 
     def _see_to_it(self) -> None:
@@ -83,13 +83,14 @@ class Ending:
 
 @contextmanager
 def catch_end(told: Callable[[], object]) -> Iterator[Ending]:
-    """Call `told()` in the main thread, its own, when it is to end (`list_end_signals`), and see
-    that the process ends in time then, also where its interpreter is held."""
+    """Call `told()` in the main thread, from which this is called, when the process is told to end
+    (`list_end_signals`), and make sure that it then ends in time, even where its interpreter is
+    held."""
     ending, came = Ending(), False
 
     def handle(_number: int, _frame: object) -> None:
         nonlocal came
-        if not came:  # what a handler raises would end whatever the main thread is at
+        if not came:  # an exception in a handler would end whatever the main thread does
             came = True
             ending.begin()
             told()
@@ -100,9 +101,10 @@ def catch_end(told: Callable[[], object]) -> Iterator[Ending]:
         yield ending
     finally:
         for number, handler in before.items():
-            # Nothing cuts the end of the interpreter short, where handlers hold no longer.
+            # Handlers no longer work at the end of the interpreter, and no signal should cut that
+            # short.
             signal.signal(number, signal.SIG_IGN if came else handler)
-        if not came:  # else it sees to the end until this process is no more
+        if not came:  # else it watches until this process has ended
             if keeper is not None:
                 signal.set_wakeup_fd(-1)
                 keeper.hang_up(SAFE_S)
@@ -110,7 +112,7 @@ def catch_end(told: Callable[[], object]) -> Iterator[Ending]:
 
 
 def _start_keeper() -> Child[bytes] | None:
-    """The process that is told of signals by the C library's part of their handlers."""
+    """The process that hears of signals from the C library's part of their handlers."""
     command = (*_KEEPER, str(os.getpid()), str(KEPT_S))
     try:
         keeper = start_child(command, WORDS, what="the process that sees to the end", deaf=True)

@@ -1,7 +1,7 @@
-"""What clients give beside a request, read before the request gets any further.
+"""Reads what clients pass with a request, before the request goes any further.
 
-The daemon opens nothing that a client names, but for names below the folder that the operator gave
-it for this. All else the client opens itself and passes on.
+The daemon opens nothing that a client names, except for names in the folder that the operator set
+for this. The client opens everything else itself and passes it on.
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ from pdcd.server.access import Peer
 from pdcd.server.readers import Readers
 
 HELD_BYTES = 256 * 2**20
-"""Arrays of all requests that wait, half of it for one user; one request alone may have more."""
+"""Bytes of arrays of all waiting requests, half of it for one user; a single request may have
+more."""
 
 
 class Intake:
-    """Reads the arrays of requests for a rig of that grid. Used from one event loop.
+    """Reads the arrays of requests for a rig with that grid. Used from one event loop.
 
-    `folder` is where names are looked up, None for nowhere.
+    `folder` is where names are looked up; None: names are refused.
     """
 
     def __init__(
@@ -47,15 +48,16 @@ class Intake:
         self._readers = readers or Readers()
         self._held: dict[int, weakref.WeakValueDictionary[int, Floats]] = {}
         self._expected: dict[object, tuple[int, int]] = {}
-        """User and bytes of what is being read."""
+        """User and size in bytes of each read in progress."""
 
     async def take(
         self, request: CaptureRequest, descriptors: Sequence[int], peer: Peer
     ) -> tuple[CaptureRequest, Given]:
-        """The request as it is to be kept, and its arrays; at once where nothing is to be read.
+        """The request as it is to be kept, and its arrays; returns at once where nothing is to be
+        read.
 
-        `descriptors` came with it, and stay the caller's. Raises RequestError for what cannot be
-        taken, BusyError when too much waits already.
+        `descriptors` came with it, and remain the caller's. Raises RequestError for what cannot be
+        accepted, BusyError when too much is waiting already.
         """
         fields, rows = list_file_fields(request), find_long_fields(request)
         if not fields and not rows:
@@ -91,8 +93,8 @@ class Intake:
         return kept, given
 
     def _room(self, uid: int, size: int) -> bool:
-        """Whether so many bytes may be read for a user beside what is held; a lone request may have
-        all, but nobody keeps others out by many."""
+        """Whether so many bytes may be read for a user in addition to what is held. A single
+        request may use all of the memory, but nobody can shut others out by sending many."""
         held = Counter({user: sum(a.nbytes for a in kept.values())
                         for user, kept in self._held.items()})  # fmt: skip
         for user, expected in self._expected.values():
@@ -103,7 +105,8 @@ class Intake:
     def _sources(
         self, fields: Mapping[str, str | SentArray], descriptors: Sequence[int], own: ExitStack
     ) -> dict[str, Callable[[Asker], FileSource]]:
-        """Where each field comes from, on whose behalf; descriptors of our own go to `own`."""
+        """The source of each field, by whom it is asked for; duplicated descriptors are closed by
+        `own`."""
         sources: dict[str, Callable[[Asker], FileSource]] = {}
         for name, value in fields.items():
             if isinstance(value, str):
@@ -116,7 +119,7 @@ class Intake:
                         f"{name} is descriptor {value.fd}; {len(descriptors)} came with the line",
                         hint='pass them with the line (SCM_RIGHTS), and say how many in "fds"',
                     )
-                # Ours, as the caller may close its own while a read still hangs.
+                # A duplicate, because the caller may close its own while a read still hangs.
                 copy = os.dup(descriptors[value.fd])
                 own.callback(os.close, copy)
                 sources[name] = _always(make_descriptor_source(copy, file))

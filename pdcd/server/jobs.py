@@ -1,4 +1,4 @@
-"""The job table: who may use the rig when, and what a job has told so far. No sockets, no threads.
+"""The job table: who may use the rig when, and the state of each job. No sockets, no threads.
 
 ::
 
@@ -6,14 +6,13 @@
                 └── cancel ──> cancelled
 
 Every use of the rig is a job: a capture, a plan, a picture held on the panels (show), a preview, a
-live view, a stream, a calibration.
-One runs at a time. A show and a live view have no end of their own, and give way to whatever else
-their owner asks for.
+live view, a stream, a calibration. One runs at a time. A show and a live view have no end of their
+own, and give way to anything else that their owner asks for.
 All of this is used from one thread (the event loop's); only the flags of `Job` are touched by the
 thread that captures.
 
-Any of the steps by which a job gets the rig and ends may be cut short by an error, between any two
-lines. Each may be made again then, and goes on from where it was.
+An error may interrupt any of the steps by which a job gets the rig and ends, between any two lines.
+Each step may then be repeated, and goes on from where it was.
 """
 
 from __future__ import annotations
@@ -48,11 +47,11 @@ ENDED: frozenset[str] = frozenset({"done", "failed", "cancelled"})
 """States that a job never leaves."""
 
 _MOST_BYTES = MAX_LINE - 4096
-"""Longest result: around it are a few fields of a reply or an event."""
+"""Longest result: a reply or an event adds a few fields."""
 
 
 class EngineLike(Protocol):
-    """What the daemon asks of the engine. All calls come from one and the same thread."""
+    """What the daemon needs of the engine. All calls come from the same thread, unless noted."""
 
     def start(self) -> None:
         """Connect the devices; both panels are black and the shutter is closed on return.
@@ -66,12 +65,12 @@ class EngineLike(Protocol):
         ...
 
     def break_off(self) -> None:
-        """Have all drivers stop waiting, for good. Of these, for any thread."""
+        """Make all drivers stop waiting, for good. For any thread."""
         ...
 
     def make_safe_beside(self, within_s: float) -> bool:
-        """Panels black and shutter closed while another call hangs; whether they are, within that
-        time each. For any thread."""
+        """Make panels black and close the shutter while another call hangs; returns whether each
+        was done within that time. For any thread."""
         ...
 
     @property
@@ -94,8 +93,8 @@ class EngineLike(Protocol):
     ) -> PlanSummary:
         """What the capture would do; `given` are its arrays.
 
-        `emit` takes the events `PlanningProgress`; `cancelled` is asked as in a capture. Raises
-        RequestError or ConfigError when it cannot be done, Cancelled when it was cancelled.
+        `emit` takes the events `PlanningProgress`; `cancelled` is called as in a capture. Raises
+        RequestError or ConfigError when it is impossible, Cancelled when it was cancelled.
         """
         ...
 
@@ -112,11 +111,11 @@ class EngineLike(Protocol):
         report: bool = False,
     ) -> CaptureResult:
         """Run one job to its end; a failure of the run is a result, not an exception. The run
-        folder is made in `parent`; with `report` it gets its page, if that costs little.
+        folder is made in `parent`; with `report` it gets its page, if that is cheap.
 
-        `cancelled()` is asked at least ten times a second, which also proves that the thread lives;
-        `emit` takes the events of `pdcd.protocol.events`, all but `JobQueued` and the ends. On
-        return the panels are black and the shutter is closed.
+        `cancelled()` is called at least ten times a second, which also proves that the thread
+        lives; `emit` takes the events of `pdcd.protocol.events`, all but `JobQueued` and the ends.
+        On return the panels are black and the shutter is closed.
         """
         ...
 
@@ -129,7 +128,7 @@ class EngineLike(Protocol):
         cancelled: Callable[[], bool],
         proceed: Callable[[str], None],
     ) -> CaptureResult:
-        """Have the bench measure itself, with the promises of `capture`; `proceed(text)` returns
+        """Let the bench measure itself, with the guarantees of `capture`; `proceed(text)` returns
         once somebody has done what the text asks, or the job is to end."""
         ...
 
@@ -147,8 +146,8 @@ class EngineLike(Protocol):
         cancelled: Callable[[], bool],
         ended: Callable[[], bool],
     ) -> CaptureResult:
-        """Show what the camera's finder sees until it was cancelled, or has `ended()`, with the
-        promises of `capture`; `tell` takes each picture."""
+        """Show what the camera's finder sees until `cancelled()` or `ended()`, with the guarantees
+        of `capture`; `tell` takes each picture."""
         ...
 
     def stream(
@@ -161,14 +160,15 @@ class EngineLike(Protocol):
         emit: Emit,
         listener: StreamListener,
     ) -> CaptureResult:
-        """Take photo after photo by one plan until the listener ends it, or its time is over, with
-        the promises of `capture`."""
+        """Take photo after photo with one plan until the listener ends it, or its time is over,
+        with the guarantees of `capture`."""
         ...
 
     def preview(
         self, *, job: str, owner: OwnerView, emit: Emit, cancelled: Callable[[], bool]
     ) -> PreviewView:
-        """Take a test photo, with the promises of `capture`. Raises the PdcdError that ended it."""
+        """Take a test photo, with the guarantees of `capture`. Raises the PdcdError that ended
+        it."""
         ...
 
 
@@ -189,12 +189,12 @@ class Owner:
 JobRequest = CaptureRequest | StreamRequest | ShowParams | LiveParams | CalibrateRequest
 """What a job was asked to do."""
 JobAnswer = PlanSummary | ShowReply | PreviewView
-"""What the request that started a job is told, where that is more than its result."""
+"""The reply to the request that started a job, where that is more than its result."""
 
 
 @dataclass(eq=False)
 class Job:
-    """One wanted use of the rig and what became of it."""
+    """One requested use of the rig, and its state."""
 
     name: str
     kind: JobKind
@@ -203,37 +203,38 @@ class Job:
     detach: bool
     created_utc: str
     given: Given = field(default_factory=dict)
-    """Arrays of the request; let go of at the end."""
+    """Arrays of the request; dropped at the end."""
     place: HeldFolder | None = None
-    """Where its run is to go; held open until it has ended."""
+    """Folder for its run; held open until it has ended."""
     state: JobState = "queued"
     result: CaptureResult | None = None
     answer: JobAnswer | None = None
     begun: bool = False
-    """The engine was asked to do it, which it is once."""
+    """Whether the engine was asked to do it, which happens only once."""
     lit: int = 0
-    """Of a show: how often the panels may still be asked to go black."""
+    """For a show: how often the panels may still be asked to go black."""
     outcome: CaptureResult | None = None
-    """What came of it, before that is entered as its result."""
+    """Its result, before that is entered in the table."""
     untold: int = 2
-    """How often its end may still be told, as long as that fails."""
+    """How many more times its end may be published, as long as that fails."""
     given_up: bool = False
-    """Of a show or a live view: its owner wants the rig for something else."""
+    """For a show or a live view: its owner wants the rig for something else."""
     frame: LiveFrame | StreamedPicture | None = None
-    """Of a live view or a stream: the newest picture."""
+    """For a live view or a stream: the newest picture."""
     news: asyncio.Event = field(default_factory=asyncio.Event)
-    """Of these: set once there is a newer one, or its end; each has an event of its own."""
+    """For these: set once there is a newer picture, or the job has ended; each picture has its own
+    event."""
     looked_s: float = -math.inf
-    """Of a stream: when somebody asked for a drawn picture last."""
+    """For a stream: when a drawn picture was last asked for."""
     records: deque[RecordOrder] = field(default_factory=deque)
-    """Of a stream: wishes for run folders."""
+    """For a stream: orders for run folders."""
     ended: asyncio.Event = field(default_factory=asyncio.Event)
     answered: asyncio.Event = field(default_factory=asyncio.Event)
     let_go: asyncio.Event = field(default_factory=asyncio.Event)
-    """Of a show: it is to end."""
+    """For a show: set when it is to end."""
     cancel_flag: threading.Event = field(default_factory=threading.Event)
     proceed_flag: threading.Event = field(default_factory=threading.Event)
-    """Of a calibration: somebody has done what was asked."""
+    """For a calibration: set when somebody has done what was asked."""
     _next_seq: int = 0
 
     @property
@@ -245,18 +246,18 @@ class Job:
         return request.pattern if isinstance(request, ShowParams | LiveParams) else request.goal
 
     def gives_way_to(self, owner: Owner) -> bool:
-        """Whether this user's next job may take its place: a picture of one's own is in nobody's
-        way."""
+        """Whether this user's next job may take its place: a picture that a user shows does not
+        block the same user."""
         return self.kind in ("show", "live") and self.owner.uid == owner.uid
 
     def see(self, frame: LiveFrame | StreamedPicture) -> None:
-        """Take the newest picture, and wake who waits for it."""
+        """Store the newest picture, and wake those who wait for it."""
         if self.state not in ENDED:
             seen, self.frame, self.news = self.news, frame, asyncio.Event()
             seen.set()
 
     def numbered(self, event: Event, t_mono_ns: int) -> Event:
-        """The event as the next one of this job, whatever its common fields were."""
+        """The event with the job's name, its next number and its time."""
         seq = self._next_seq
         self._next_seq += 1
         return msgspec.structs.replace(event, job=self.name, seq=seq, t_mono_ns=t_mono_ns)
@@ -277,7 +278,7 @@ class Job:
 
 class JobTable:
     """All jobs: the running one, those that wait, and of each kind the last `history` that ended,
-    so that many plans do not make one forget a capture."""
+    so that many plans do not displace a capture."""
 
     def __init__(self, *, history: int = 64, queue_limit: int = 64) -> None:
         self._history = history
@@ -287,7 +288,7 @@ class JobTable:
         self.queue: deque[Job] = deque()
         self.running: Job | None = None
         self.stopping = False
-        """True once no more jobs are taken."""
+        """True once no more jobs are accepted."""
 
     def admit(
         self,
@@ -302,10 +303,10 @@ class JobTable:
     ) -> Job:
         """Take a job: it runs at once (state running) if the rig is free, else waits its turn.
 
-        Its owner's own show is no reason to refuse it: the job is the next one then, and the caller
-        ends the show. A job that was taken owns its `place`, and closes it when it has ended.
-        Raises BusyError when the rig is taken and `queue` is false, when the queue is full, or when
-        the daemon is stopping.
+        A show of the same owner is no reason to refuse it: the job then comes next, and the caller
+        ends the show. An accepted job owns its `place`, and closes it when it has ended. Raises
+        BusyError when the rig is taken and `queue` is false, when the queue is full, or when the
+        daemon is stopping.
         """
         if self.stopping:
             raise BusyError("the daemon is stopping", hint="ask again in a moment")
@@ -326,7 +327,7 @@ class JobTable:
         return job
 
     def _next_after_show(self, owner: Owner) -> bool:
-        """Whether the running job is a show of this user that nothing is to follow as yet."""
+        """Whether the running job is a show of this user for which no successor waits yet."""
         show = self.running
         free = show is not None and (not show.given_up or not self.queue)
         return free and show is not None and show.gives_way_to(owner)
@@ -358,7 +359,7 @@ class JobTable:
         return list(self._jobs.values())
 
     def cancel(self, job: Job) -> bool:
-        """Ask for the end of a job; true if it ended by this at once (it was waiting).
+        """Cancel a job; true if that ended it at once (it was waiting).
 
         A running job is told by its flag and ends through `finish`; an ended one stays as it is.
         """
@@ -377,7 +378,7 @@ class JobTable:
         return [j for j in active if j.owner.connection == connection and not j.detach]
 
     def take_turn(self) -> Job | None:
-        """The job that has the rig; where it is free, the first of those that wait gets it."""
+        """The job that has the rig; where the rig is free, the first waiting job gets it."""
         while self.queue and self.queue[0].state in ENDED:
             self.queue.popleft()
         if self.running is None and self.queue:
@@ -389,7 +390,8 @@ class JobTable:
         return self.running
 
     def end(self, job: Job, result: CaptureResult) -> CaptureResult:
-        """Enter the result of a job, and let go of all that it was given. Returns it as entered."""
+        """Enter the result of a job, and release all that it was given. Returns the result as
+        entered."""
         if job.result is None:
             job.result = fit_into_line(result)
         job.state = job.result.state
@@ -410,12 +412,12 @@ class JobTable:
         return job.result
 
     def release(self, job: Job) -> None:
-        """The job has ended: the rig is free."""
+        """Free the rig after a job has ended."""
         if self.running is job:
             self.running = None
 
     def _new_name(self) -> str:
-        # Four random digits a second can meet by chance; the folder must not.
+        # Four random digits per second may collide by chance; folders must not.
         while (name := make_job_id()) in self._jobs:
             pass
         return name
@@ -429,8 +431,8 @@ def make_failed_result(job: Job, error: BaseException) -> CaptureResult:
 
 
 def fit_into_line(result: CaptureResult) -> CaptureResult:
-    """The result as it can be sent: what is too long for a line of the socket is left out, and said
-    to be, for whoever waits must hear of the end."""
+    """The result in a form that can be sent. What is too long for a line of the socket is left out,
+    with a note, because whoever waits must hear of the end."""
     if len(encode_json(result)) <= _MOST_BYTES:
         return result
     left_out = f"{len(result.files)} files, and what else was long, are left out: see its folder"

@@ -1,9 +1,9 @@
-"""The process that ends a daemon which cannot do it itself: one whose interpreter a driver holds.
+"""The process that ends a daemon which cannot end itself, because a driver holds its interpreter.
 
-Started by `pdcd.server.ending` and run as a file by a bare interpreter (``-I -S``), so it imports
-nothing of pdcd. The C library's part of a signal handler writes the signal's number to the line,
-whatever Python is at. From then on the daemon has its time, and is killed after it: the kernel then
-frees its devices, guardians close the shutter, and the presenter goes black.
+It is started by `pdcd.server.ending` and run as a file by a bare interpreter (``-I -S``), so it
+imports nothing of pdcd. The C library's part of a signal handler writes the signal's number to the
+line, whatever Python is doing. The daemon is killed a fixed time after that: the kernel then frees
+its devices, guardians close the shutter, and the presenter goes black.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ _ENDS = frozenset({signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
 
 
 def keep_daemon(daemon: int, within_s: float, line: socket.socket) -> None:
-    """Return when the process `daemon` has ended, if need be killed so long after such a signal."""
+    """Return when the process `daemon` has ended; after such a signal it is killed if it takes
+    longer than that."""
     process = os.pidfd_open(daemon)
     if os.getppid() != daemon:
         return  # it ended before it could be named

@@ -22,10 +22,10 @@ _UNIT = "use ListenStream=/run/pdcd.sock and Accept=no"
 
 @contextlib.contextmanager
 def open_listener(path: Path, config: ServerConfig) -> Iterator[socket.socket]:
-    """A listening socket: the one that was passed to us, else one bound at `path`.
+    """A listening socket: the one that was passed to this process, else one bound at `path`.
 
-    A socket file of ours is removed in the end; a passed one belongs to the service manager, who
-    passes it once. Raises ConfigError when the path is taken or cannot be bound.
+    A socket file made here is finally removed; a passed socket belongs to the service manager,
+    which passes it once. Raises ConfigError when the path is taken or cannot be bound.
     """
     passed = count_listen_fds()
     if passed:
@@ -56,7 +56,7 @@ def open_listener(path: Path, config: ServerConfig) -> Iterator[socket.socket]:
 
 
 def _passed(count: int) -> socket.socket:
-    """The one socket of socket activation. Raises ConfigError when it is none we can serve."""
+    """The one socket of socket activation. Raises ConfigError when it cannot be served."""
     if count != 1:
         raise ConfigError(f"{count} sockets were passed", hint="pdcd.socket needs one ListenStream")
     try:
@@ -99,13 +99,13 @@ def _clear_stale(path: Path) -> None:
     try:
         mode = path.stat().st_mode
     except OSError:
-        return  # nothing there, or nothing to be seen: bind says what is wrong
+        return  # nothing there, or not accessible: bind reports what is wrong
     if not stat.S_ISSOCK(mode):
         raise ConfigError(
             f"{path} is there and is no socket", hint="remove it, or use another path"
         )
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-        # A full backlog must not hold us up: it, too, means that a daemon is there.
+        # A full backlog must not block this process: it, too, means that a daemon is there.
         probe.setblocking(False)
         try:
             probe.connect(str(path))

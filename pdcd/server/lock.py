@@ -1,4 +1,4 @@
-"""A lock file, held for life: what it stands for has one daemon."""
+"""A lock file, held for life: only one daemon has what it stands for."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _OPEN = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 @contextlib.contextmanager
 def hold_lock_file(path: Path, what: str, hint: str) -> Iterator[None]:
-    """Hold the lock at `path`, which is made and in the end removed.
+    """Hold the lock at `path`, which is made, and removed in the end.
 
-    The kernel lets go of it when this process ends, however it does; a file that is left over
-    means nothing. Raises ConfigError, with that `hint`, when another process has it, whose number
-    is told; and where there can be no such file.
+    The kernel releases it when this process ends, in whatever way; a file that is left over means
+    nothing. Raises ConfigError, with that `hint`, when another process holds it, whose number is
+    given; and where no such file can be made.
     """
     try:
         fd = _locked(path, what, hint)
@@ -37,7 +37,7 @@ def hold_lock_file(path: Path, what: str, hint: str) -> Iterator[None]:
             os.pwrite(fd, f"{os.getpid()} {os.getuid()}\n".encode(), 0)
         yield
     finally:
-        # While it is held: so nobody can have locked the name that is removed.
+        # Removed while the lock is held, so that nobody else can have locked it under this name.
         with contextlib.suppress(OSError):
             path.unlink()
         os.close(fd)

@@ -1,7 +1,7 @@
-"""Log lines to stderr: with priorities under the journal, with times at a terminal.
+"""Log lines to stderr: with priorities for the journal, with times at a terminal.
 
-Much of what is logged was said by clients and devices. So every record is one line, what cannot
-be seen in it is escaped, and lines of a traceback are indented: nobody can forge a line.
+Much of what is logged comes from clients and devices. So every record is one line, invisible
+characters are escaped, and lines of a traceback are indented: nobody can forge a line.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _ExcInfo = tuple[type[BaseException], BaseException, TracebackType | None] | tup
 
 
 class _Formatter(logging.Formatter):
-    """Escapes what others have said, here and nowhere else."""
+    """Escapes text that came from elsewhere, here and nowhere else."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - of logging
         """The record's own line."""
@@ -45,13 +45,13 @@ class _JournalFormatter(_Formatter):
     """Puts ``<N>`` before each line, so that a traceback keeps its priority to the end."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The record as lines for the journal, which adds the time by itself."""
+        """The record as lines for the journal, which adds the time itself."""
         prefix = f"<{_PRIORITY.get(record.levelno, 6)}>"
         return prefix + super().format(record).replace("\n", f"\n{prefix}")
 
 
 FOR_PEOPLE = {"for_people": True}
-"""`extra` of the few lines below a warning that a person at a terminal wants, too."""
+"""`extra` for the few lines below a warning that a person at a terminal should see, too."""
 
 
 class _Quiet(logging.Filter):
@@ -63,13 +63,13 @@ class _Quiet(logging.Filter):
 
 
 def send_to_stderr(*, verbose: bool = False) -> None:
-    """Send the log of this process to stderr, in the form that its reader wants.
+    """Send the log of this process to stderr, in the form that suits its reader.
 
-    A terminal is often that of the commands, too, and of their progress bar: it gets warnings and
-    what is marked by `FOR_PEOPLE`, or everything with `verbose`. Journal, files and pipes get
+    A terminal often also shows the commands and their progress bar, so it gets only warnings and
+    lines marked by `FOR_PEOPLE`, or everything with `verbose`. Journal, files and pipes get
     everything.
     """
-    logging.raiseExceptions = False  # a line that cannot be written is no reason for more
+    logging.raiseExceptions = False  # a line that cannot be written must not cause more
     handler = logging.StreamHandler()
     if not verbose and sys.stderr.isatty():
         handler.addFilter(_Quiet())

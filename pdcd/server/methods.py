@@ -71,7 +71,7 @@ from pdcd.version import __version__
 _OWNERS = frozenset(
     {"capture.cancel", "calibrate.proceed", "preview.frame", "stream.frame", "stream.record"}
 )
-"""What of another user's job only an administrator may do."""
+"""Actions on another user's job that only an administrator may take."""
 
 _A = TypeVar("_A", PlanSummary, ShowReply, PreviewView)
 _P = ParamSpec("_P")
@@ -81,8 +81,8 @@ _R = TypeVar("_R")
 class Methods:
     """The service behind the connections; used from the event loop only.
 
-    `description` is the engine's at the start; `state_dir` bounds where clients may have results
-    written; `connections` counts the clients.
+    `description` is the engine's at the start; clients may have results written only in
+    `state_dir`; `connections` counts the clients.
     """
 
     def __init__(
@@ -173,7 +173,7 @@ class Methods:
         raise PdcdError(f"{request.method} takes no request for a photo")
 
     def engaged(self, caller: Caller) -> bool:
-        """Whether jobs would end with this client."""
+        """Whether any jobs would end with this client."""
         return bool(self._runner.table.owned_by(caller.number))
 
     def gone(self, caller: Caller) -> None:
@@ -182,13 +182,14 @@ class Methods:
         self._runner.drop(caller.number)
 
     def permit(self, caller: Caller, method: str) -> None:
-        """Raise DeniedError when this client may not call that, whatever its parameters are."""
+        """Raise DeniedError when this client may not call that method, whatever its parameters
+        are."""
         _require(caller, messages.METHODS[method].role, method)
 
     def _permit_job(self, caller: Caller, request: RpcRequest) -> None:
         """Raise DeniedError when this client may not do that to a job.
 
-        Whose a job is, is told by the user for whom the kernel vouched, not by the connection.
+        The owner of a job is the user for whom the kernel vouched, not the connection.
         """
         if request.method in _OWNERS and isinstance(request.params, JobParams):
             owner = self._runner.table.get(request.params.job).owner
@@ -215,8 +216,8 @@ class Methods:
         )
 
     async def _describe(self, caller: Caller, params: msgspec.Struct) -> RigDescription:
-        # During a job the last description must do, for the engine's thread is taken; and while it
-        # is being asked: many questions must not line up before a job.
+        # During a job the last description is used, because the engine's thread is busy; also while
+        # a new one is being made: many such requests must not queue up before a job.
         if self.state == "idle" and not self._describing.locked():
             async with self._describing:
                 self._description = await self._worker.call(self._engine.describe)
@@ -294,21 +295,21 @@ class Methods:
     async def _from_disk(
         self, caller: Caller, look: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs
     ) -> _R:
-        """What a look at the disk returns or raises.
+        """What a function that reads the disk returns or raises.
 
-        A disk may be slow, or hang: the loop, the rig and who asks for jobs alone are not for
-        waiting on it. One at a time: lists are work for the processor, and anybody may ask for
-        them; so users take turns.
+        A disk may be slow, or hang: the loop, the rig and users who only want jobs must not wait
+        for it. One runs at a time, because lists cost processor time and anybody may ask for them;
+        so users take turns.
         """
         uid = caller.peer.uid
         await self._looks.take(uid)
-        # Who leaves must not give the turn away while the disk is still looked at.
+        # A caller that leaves must not release the turn while the disk is still being read.
         task = asyncio.create_task(call_in_thread(look, *args, **kwargs))
 
         def looked(task: asyncio.Task[_R]) -> None:
             self._looks.give_back(uid)
             if not task.cancelled():
-                task.exception()  # asked for, even where nobody waits for it any more
+                task.exception()  # retrieved even where nobody waits for it any more
 
         task.add_done_callback(looked)
         return await asyncio.shield(task)
@@ -371,14 +372,16 @@ class Methods:
         return Subscription(caller.interest)
 
     async def _answer(self, job: Job, kind: type[_A]) -> _A:
-        """The answer of a job that was started for it. Raises the error that the job ended by."""
+        """The answer of a job that was started for it. Raises the error with which the job
+        ended."""
         answer = await self._runner.answer(job.name)
         if not isinstance(answer, kind):
             raise PdcdError(f"job {job.name} gave no {kind.__name__}")
         return answer
 
     def _refuse_many(self, caller: Caller) -> None:
-        """Raise BusyError when enough jobs of this user wait; whose daemon it is has no limit."""
+        """Raise BusyError when enough jobs of this user wait; root and the daemon's own user have
+        no limit."""
         most = self._config.limits.queued_per_user
         waiting = sum(job.owner.uid == caller.peer.uid for job in self._runner.table.queue)
         if waiting >= most and caller.peer.uid not in (0, os.geteuid()):
@@ -388,10 +391,10 @@ class Methods:
             )
 
     def _place(self, out: str | None, *, make: bool = True) -> HeldFolder:
-        """The folder that a run is to go to, held open. Raises RequestError.
+        """The folder for a run, held open. Raises RequestError.
 
-        What a client names must lie below the state folder; where runs go otherwise is the
-        operator's.
+        What a client names must lie inside the state folder; the default folder is the operator's
+        choice.
         """
         if out is None and make:
             return HeldFolder.at(self._state_dir / "captures")
@@ -399,7 +402,7 @@ class Methods:
 
 
 def _require(caller: Caller, needed: ClientRole, what: str) -> None:
-    """Raise DeniedError for a client of a lower role: the one place that decides."""
+    """Raise DeniedError for a client of a lower role: the only place that decides."""
     if caller.role < needed:
         raise DeniedError(
             f"uid {caller.peer.uid} may not do this: {what}",

@@ -1,7 +1,7 @@
-"""Talking to the service manager: readiness, status, watchdog, passed sockets.
+"""Communication with the service manager: readiness, status, watchdog, passed sockets.
 
-The protocols of sd_notify(3), sd_watchdog_enabled(3) and sd_listen_fds(3), without a library:
-each is a few lines. Outside systemd all of this does nothing.
+The protocols of sd_notify(3), sd_watchdog_enabled(3) and sd_listen_fds(3), without a library: each
+is a few lines. Outside systemd all of this does nothing.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def watchdog_s(environ: Mapping[str, str] = os.environ) -> float | None:
 def count_listen_fds(environ: Mapping[str, str] = os.environ) -> int:
     """How many sockets were passed to this process, from `FIRST_FD` on; 0 if none.
 
-    LISTEN_PID guards against a variable that a parent has merely let us inherit.
+    LISTEN_PID guards against a variable that was merely inherited from a parent.
     """
     if environ.get("LISTEN_PID") != str(os.getpid()):
         return 0

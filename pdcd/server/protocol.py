@@ -1,10 +1,10 @@
 """The protocol without a socket: bytes in, typed requests and faults out; values in, lines out.
 
-`Connection` is the state machine of one client. It never raises on what a client sends: all that
-is wrong becomes a `RpcFault`, which says what to answer and whether the connection can go on.
+`Connection` is the state machine of one client. It never raises on what a client sends: anything
+wrong becomes a `RpcFault`, which says what to answer and whether the connection can go on.
 
-A request may name file descriptors that came with it. Which belong to which request is a matter of
-counting, so a client whose count is in doubt is parted from.
+A request may name file descriptors that came with it. They are assigned to requests by counting, so
+a client whose count is in doubt is disconnected.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ class RpcRequest:
 
 @dataclass(frozen=True)
 class RpcFault:
-    """Something wrong that a client sent.
+    """A fault in what a client sent.
 
-    `line` is the answer, None when there is none to give (a faulty notification); `close` tells
-    that nothing sensible can follow on this connection.
+    `line` is the answer, None when there is none to give (a faulty notification); `close` is true
+    where nothing sensible can follow on this connection.
     """
 
     error: PdcdError
@@ -68,10 +68,10 @@ _Permit = Callable[[str], None]
 
 
 class _Envelope(msgspec.Struct):
-    """A request before its parameters are looked at; unknown members are ignored.
+    """A request before its parameters are decoded; unknown members are ignored.
 
-    The parameters are so many bytes: nothing is made of them before it is known whether the client
-    may ask for that, and then only what the method has a place for.
+    The parameters are raw bytes: they are decoded only once it is known that the client may call
+    the method, and only into the fields that the method has.
     """
 
     jsonrpc: str
@@ -82,7 +82,7 @@ class _Envelope(msgspec.Struct):
 
 
 class _IdOnly(msgspec.Struct):
-    """To answer a malformed request by its id where that at least is sound."""
+    """For answering a malformed request with its id, where at least that is valid."""
 
     id: _WireId = UNSET
 
@@ -96,9 +96,9 @@ _ANYTHING = msgspec.json.Decoder(msgspec.Raw)
 class Connection:
     """Cuts a byte stream into lines and lines into requests.
 
-    `max_line` is the longest line accepted, in bytes, its newline included. `descriptors` gets
-    what comes beside the bytes, before them; whoever made it closes it. `permit` tells what the
-    client may call.
+    `max_line` is the longest line accepted, in bytes, including its newline. `descriptors` receives
+    those that come with the bytes, before the bytes; whoever made it closes it. `permit` decides
+    what the client may call.
     """
 
     def __init__(
@@ -112,24 +112,24 @@ class Connection:
         self._descriptors = Descriptors() if descriptors is None else descriptors
         self._rest = bytearray()
         self.line_bytes = 0
-        """Length of the line that was looked at last."""
+        """Length of the line that was parsed last."""
         self.closed = False
         """True after a fault that ends the connection; all further bytes are ignored."""
 
     def receive(self, data: bytes, *, lost: bool = False) -> Iterator[RpcRequest | RpcFault]:
-        """Take the next bytes, of any cut, and give what they complete, in order: each line is
-        looked at when it is asked for. All are to be asked for before more is received.
+        """Take the next bytes, cut anywhere, and yield what they complete, in order: each line is
+        parsed when it is asked for. All items must be consumed before more is received.
 
-        `lost` tells that more descriptors came with them than could be received.
+        `lost` means that more descriptors came with them than could be received.
         """
         if lost and not self.closed:
             yield self._part(_too_many())
         self._rest += data
         while not self.closed:
-            # Blank lines are let pass: people type at this socket.
+            # Blank lines are allowed: people type at this socket.
             del self._rest[: _count_blank(self._rest)]
-            # A line is looked for in no more than its allowed length, so that a client cannot
-            # make us search or keep megabytes.
+            # A line is searched for only within its allowed length, so that a client cannot make
+            # this process search or keep megabytes.
             end = self._rest.find(b"\n", 0, self._max_line)
             if end < 0:
                 break
@@ -159,7 +159,7 @@ class Connection:
 
 
 def _count_blank(data: bytearray) -> int:
-    """Bytes of the blank lines that it begins with."""
+    """Bytes of the blank lines at its beginning."""
     found = _BLANK.match(data)
     return 0 if found is None else found.end()
 
@@ -177,10 +177,10 @@ def parse_line(
     """Check one line, without its newline: a `RpcRequest`, or what is wrong with it.
 
     The request's descriptors are taken from `descriptors`; those of a faulty one are closed.
-    `permit` is asked before the parameters are looked at.
+    `permit` is called before the parameters are decoded.
     """
     held = Descriptors() if descriptors is None else descriptors
-    # A line that cannot be read does not tell how many of the descriptors were meant for it.
+    # A line that cannot be parsed does not say how many of the descriptors were meant for it.
     lost_count = held.unclaimed > 0
     try:
         line.decode()  # msgspec does not look into text that it leaves raw
@@ -193,11 +193,11 @@ def parse_line(
 
 
 def _no_request(line: bytes, err: Exception, lost_count: bool) -> RpcFault:
-    """What a line is that is no request, and perhaps no JSON."""
+    """The fault for a line that is no request, and perhaps no JSON."""
     wrong = err
     if isinstance(err, msgspec.ValidationError):
         try:
-            _ANYTHING.decode(line)  # its form alone
+            _ANYTHING.decode(line)  # checks the syntax alone
         # ValueError covers bad syntax, NaN and Infinity, bad UTF-8.
         except (ValueError, RecursionError) as syntax:
             wrong = syntax
@@ -265,7 +265,8 @@ def _typed(envelope: _Envelope, fds: tuple[int, ...], permit: _Permit) -> RpcReq
             close = True
             _agree(params.protocol)
     except PdcdError as err:
-        # Anew: this one has a traceback and causes, which hold on to the line and what it became.
+        # A new one: the original has a traceback and causes, which keep the line and its decoded
+        # form alive.
         told = make_error(err.kind, err.message, err.device, err.hint)
         return _fault(envelope, told, close=close)
     except UnicodeDecodeError as err:
@@ -276,7 +277,7 @@ def _typed(envelope: _Envelope, fds: tuple[int, ...], permit: _Permit) -> RpcReq
 def _fault(
     envelope: _Envelope, error: PdcdError, code: int | None = None, *, close: bool = False
 ) -> RpcFault:
-    """What a sound envelope that cannot be served is; a notification gets no answer."""
+    """The fault for a valid envelope that cannot be served; a notification gets no answer."""
     request_id = _id_of(envelope)
     line = None if request_id is None else encode_error(request_id, error, code)
     return RpcFault(error, line, close)
@@ -303,7 +304,7 @@ def _params(method: str, raw: msgspec.Raw, kind: type[msgspec.Struct]) -> msgspe
         ) from err
     except UnicodeDecodeError:
         raise
-    # Besides its own errors, what numbers and depths beyond all measure make Python raise.
+    # Besides msgspec's own errors, those that Python raises for extreme numbers and depths.
     except (ValueError, OverflowError, RecursionError) as err:
         names = ", ".join(kind.__struct_fields__) or "none"
         raise RequestError(
@@ -329,15 +330,15 @@ def encode_line(message: Mapping[str, object]) -> bytes:
 
 
 def encode_reply(request_id: _Id, result: object, *, fds: int = 0) -> bytes:
-    """The answer to a request, with which so many descriptors come. Raises ProtocolError when it
-    does not fit into a line."""
+    """The answer to a request, sent with so many descriptors. Raises ProtocolError when it does not
+    fit into a line."""
     told = {"jsonrpc": "2.0", "id": request_id, "result": result}
     return encode_line({**told, "fds": fds} if fds else told)
 
 
 def encode_error(request_id: _Id | None, error: PdcdError, code: int | None = None) -> bytes:
     """The answer to a request that failed; id None where the id could not be read. It always fits
-    into a line: what is said beyond that is cut."""
+    into a line: longer texts are cut."""
     told = (error.message, error.device, error.hint)
     if sum(len(text) for text in told if text) > _MOST_TOLD:
         message, device, hint = (_short(text or "", _MOST_TOLD) or None for text in told)

@@ -1,9 +1,9 @@
-"""Threads that read what clients gave, so that a disk that hangs holds up nobody else.
+"""Threads that read what clients pass, so that a disk that hangs holds up nobody else.
 
 A read from a network mount, or from a file system that a client itself serves, may never return,
 and no time limit ends it. So each read has a thread of its own, which is left behind when its time
-is over. Threads are counted until they really end, for each user and for all: who gives files that
-hang soon can give no more, and others still can. Users take turns.
+is over. Threads are counted until they really end, for each user and in total: a user whose files
+hang can soon pass no more, and others still can. Users take turns.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _Alive = Callable[[], None]
 LIMIT_S = 10.0
 """Time for reading all arrays of one request, in seconds."""
 EACH, ALL_READERS = 2, 8
-"""Threads that read for one user, and for all."""
+"""Reading threads for one user, and in total."""
 _LOOK_S = 0.01
-"""Time between two looks whether there is room, in seconds."""
+"""Time between two checks for free memory, in seconds."""
 
 
 class _Over(Exception):  # noqa: N818 - reads as the state it reports
@@ -51,15 +51,15 @@ class Readers:
 
         Parameters
         ----------
-        prepare : called in the loop when there may be one more thread; returns the read, which is
-            handed a call to make often: it raises when the time is over.
+        prepare : called in the loop when another thread is allowed; returns the read. The read is
+            given a function that it must call often, and that raises when the time is over.
         room : whether there is memory for it.
 
-        Raises BusyError when for all the time there is no thread or no room, RequestError when the
+        Raises BusyError when no thread or no memory becomes free in time, RequestError when the
         read takes longer.
         """
         try:
-            # A moment for those before it to end: requests of one client come in bursts.
+            # Time for earlier ones to end: requests of one client come in bursts.
             async with asyncio.timeout(self._limit_s):
                 await self._turns.take(uid)
                 await self._wait_for(uid, room)
@@ -87,7 +87,7 @@ class Readers:
     def _started(
         self, uid: int, function: Callable[[_Alive], _T]
     ) -> tuple[asyncio.Future[Outcome[_T]], threading.Event]:
-        """Run the function in a thread; its future, and the event that tells it to end."""
+        """Run the function in a thread; returns its future, and the event that tells it to end."""
         loop = asyncio.get_running_loop()
         done: asyncio.Future[Outcome[_T]] = loop.create_future()
         over = threading.Event()
@@ -112,7 +112,7 @@ class Readers:
         return done, over
 
     async def _wait_for(self, uid: int, room: Callable[[], bool]) -> None:
-        """Keep a place until there is room; it is given back if there never is."""
+        """Hold a place until there is room; it is given back if there never is."""
         try:
             while not room():
                 await asyncio.sleep(_LOOK_S)

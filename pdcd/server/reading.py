@@ -1,7 +1,7 @@
 """Requests of one connection: read line by line, begun in turn, answered by tasks of their own.
 
-One line is looked at in each turn of the loop, and users take turns: a client that sends thousands,
-or long ones, is in nobody's way but its own user's.
+One line is parsed in each turn of the loop, and users take turns: a client that sends thousands, or
+long ones, slows down only its own user.
 """
 
 from __future__ import annotations
@@ -28,20 +28,21 @@ from pdcd.server.turns import UserTurns
 logger = logging.getLogger(__name__)
 
 OPEN_REQUESTS = 64
-"""Requests of one client that may be unanswered at a time."""
+"""Requests of one client that may be unanswered at the same time."""
 OPEN_BYTES = 2 * MAX_LINE
 """Bytes of all unanswered requests of one user."""
 
 _SHORT_BYTES = 2**16
-"""A longer line is followed by a rest of its user."""
+"""After a longer line its user must pause."""
 _REST_S = 0.1
-"""The rest after the longest line, in seconds; shorter after others."""
+"""The pause after the longest line, in seconds; it is shorter after others."""
 _CLOSE_S = 1.0
-"""How long new descriptors wait until those of answered requests are closed, in seconds."""
+"""How long to wait for descriptors of answered requests to be closed, before new ones are taken, in
+seconds."""
 
 
 class ReplyWithMemory(NamedTuple):
-    """An answer, and a descriptor that goes with it, which is closed then."""
+    """An answer, and a descriptor that is sent with it, and closed then."""
 
     reply: msgspec.Struct
     fd: int
@@ -105,7 +106,7 @@ class RequestReader:
                 self._descriptors.receive(came.fds)
                 if not came.data:
                     return
-                if came.fds:  # who has waited for an answer may send as many again
+                if came.fds:  # a client that has waited for an answer may send as many again
                     await self._descriptors.settle(_CLOSE_S)
                 items = self._machine.receive(came.data, lost=came.lost)
                 while await self._take_line(items):
@@ -114,8 +115,8 @@ class RequestReader:
             logger.info("reset connection=%d", self._caller.number)
 
     async def _take_line(self, items: Iterator[RpcRequest | RpcFault]) -> bool:
-        """Look at the next line when it is this user's turn, and begin what it asks for; false
-        where there is none."""
+        """Parse the next line when it is this user's turn, and begin its request; false where there
+        is none."""
         uid = self._caller.peer.uid
         await self._caller.room()
         await self._shares.lines.take(uid)
@@ -126,9 +127,9 @@ class RequestReader:
                 return False
             size = self._machine.line_bytes
             self._begin(item, size)
-            del item  # nothing of it is held while this user waits for its next turn
-            # Its first steps come before the next line is looked at: what needs no
-            # waiting is done and answered in the order in which it was asked.
+            del item  # so that it is not kept while this user waits for its next turn
+            # Its first steps are made before the next line is parsed: requests that need not wait
+            # are done and answered in their order.
             await asyncio.sleep(0)
             return True
         finally:
@@ -163,7 +164,7 @@ class RequestReader:
         task.add_done_callback(answered)
 
     def _full(self, size: int) -> BusyError | None:
-        """Why no more may be asked now, or None."""
+        """Why no more may be asked for now, or None."""
         if len(self.open) >= OPEN_REQUESTS:
             what = f"{OPEN_REQUESTS} requests of this connection"
         elif 0 < self._shares.open_bytes[self._caller.peer.uid] > OPEN_BYTES - size:
@@ -186,13 +187,14 @@ async def answer_request(
         line = b"" if request.id is None else encode_reply(request.id, result, fds=fds)
     except asyncio.CancelledError:
         raise
-    # A fault of ours must not leave the client without an answer.
+    # A fault of the daemon must not leave the client without an answer.
     except BaseException as err:
         if isinstance(err, PdcdError):
             logger.info("refused method=%s error=%s", request.method, err)
         else:
             logger.exception("method failed method=%s", request.method)
-        # No name but `err`: any other would keep error and frames, and so the request, in a circle.
+        # No name but `err`: any other would keep error and frames, and so the request, alive in a
+        # cycle.
         line = b"" if request.id is None else encode_error(request.id, to_typed_error(err))
     if line:
         caller.send(line, fd=fd)

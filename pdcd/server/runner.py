@@ -1,9 +1,9 @@
 """Carries jobs from the table to the engine and their events back to the event loop.
 
-Whatever is raised, and wherever: every job ends, whoever waits for it hears so, and the next one
-runs. The engine, those who are told and the system may raise anything. What they raise is met where
-they are called; and should the task that sees to the jobs be ended all the same, by a fault of ours
-or for want of memory, another takes its place and goes on from where it was.
+Whatever is raised, and wherever, every job ends, those who wait for it hear of that, and the next
+one runs. The engine, the listeners and the system may raise anything, which is handled where they
+are called. Should the task that runs the jobs end all the same, by a fault here or for lack of
+memory, another one takes its place and goes on from where it was.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ from pdcd.words import JobKind
 logger = logging.getLogger(__name__)
 
 _DEAF_S, _DEAF_LOOK_S = 0.5, 0.1
-"""How long who cancels a job waits for devices that do not let themselves be made safe."""
+"""How long a cancel waits for devices that cannot be made safe, and the time between two checks."""
 _NOT_SAFE_YET = (
     "a device does not let itself be made safe: until the job has ended, the panels may still be "
     "lit, or the shutter open"
 )
 
 _PROCEED_LOOK_S = 0.1
-"""Time between two looks whether a calibration that waits for somebody is to end."""
+"""Time between two checks whether a calibration that waits for somebody is to end."""
 
 _ANEW_S = 0.1
-"""Time until the jobs are seen to again after a fault of ours, in seconds."""
+"""Time in seconds until the jobs are run again after a fault here."""
 
 _BLACK_TRIES = 3
 """How often the panels are asked to go black after a show."""
@@ -124,9 +124,9 @@ class Runner:
         return job.result
 
     async def answer(self, name: str) -> JobAnswer:
-        """What a plan, a show or a preview is answered with, when it is known.
+        """The answer of a plan, a show or a preview, when it is known.
 
-        Raises the error that the job ended by, Cancelled among them.
+        Raises the error with which the job ended, also Cancelled.
         """
         job = self.table.get(name)
         await job.answered.wait()
@@ -135,9 +135,9 @@ class Runner:
         return job.answer
 
     async def see_next(self, name: str, after: int) -> LiveFrame:
-        """The newest picture of a live view, once one has come after that number.
+        """The newest picture of a live view, once there is one after that number.
 
-        Raises RequestError for a job that is none, and the error that it ended by.
+        Raises RequestError for a job that is no live view, and the error with which it ended.
         """
         job = self.table.get(name)
         if job.kind != "live":
@@ -148,7 +148,7 @@ class Runner:
         return frame
 
     async def see_next_of_stream(self, name: str, after: int) -> StreamedPicture:
-        """The newest picture of a stream, as `see_next` has that of a live view."""
+        """The newest picture of a stream, as `see_next` for a live view."""
         frame = await self._next(self._stream(name), after)
         if not isinstance(frame, StreamedPicture):
             raise PdcdError(f"job {name} gave no picture of a stream")
@@ -157,7 +157,8 @@ class Runner:
     async def record(self, name: str, place: HeldFolder) -> CaptureResult:
         """Make a run of the newest photos of a stream; `place` is closed when that has ended.
 
-        Raises RequestError for a job that is none, BusyError where enough runs are wanted already.
+        Raises RequestError for a job that is no stream, BusyError where enough runs are ordered
+        already.
         """
         with place:
             return await order_record(self._stream(name), place)
@@ -169,7 +170,7 @@ class Runner:
         return job
 
     async def _next(self, job: Job, after: int) -> LiveFrame | StreamedPicture:
-        """The newest picture of a job, once one has come after that number."""
+        """The newest picture of a job, once there is one after that number."""
         while (frame := job.frame) is None or frame.number <= after:
             if job.ended.is_set():
                 gone = {"kind": "cancelled", "message": f"the {job.kind} gave way to another job"}
@@ -199,20 +200,20 @@ class Runner:
         return await self.wait(name)
 
     def proceed(self, name: str) -> Job:
-        """Somebody has done what a calibration asked for. Raises RequestError for an unknown job;
-        harmless on one that does not wait."""
+        """Tell a calibration that somebody has done what it asked for. Raises RequestError for an
+        unknown job; harmless on one that does not wait."""
         job = self.table.get(name)
         job.proceed_flag.set()
         return job
 
     def drop(self, connection: int) -> None:
-        """A client is gone: end its jobs that were not detached."""
+        """End the jobs of a client that has left, except for detached ones."""
         for job in self.table.owned_by(connection):
             logger.warning("client gone, cancelling job=%s pid=%d", job.name, job.owner.pid)
             self._cancel(job)
 
     async def drain(self) -> None:
-        """Take no more jobs, cancel all there are, and return when the last has ended."""
+        """Accept no more jobs, cancel all there are, and return when the last has ended."""
         self.table.stopping = True
         running = self.table.running
         for job in [*self.table.queue, *([] if running is None else [running])]:
@@ -223,19 +224,19 @@ class Runner:
                 await asyncio.wait([self._task])
 
     def _announce(self, job: Job) -> None:
-        """Tell of an admitted job."""
+        """Publish that a job was admitted."""
         if job.state not in ENDED:  # cancelled in the very turn in which it was admitted
             ahead = list(self.table.queue).index(job) + 1 if job in self.table.queue else 0
             self._tell(job, time.monotonic_ns(), events.JobQueued(ahead=ahead))
 
     def _see_to_jobs(self) -> None:
-        """Where there is a job to run, see that somebody does."""
+        """Where there is a job to run, make sure that a task runs it."""
         if _is_over(self._task) and self.table.take_turn() is not None:
             self._task = asyncio.get_running_loop().create_task(self._run_jobs())
             self._task.add_done_callback(self._look_after)
 
     def _look_after(self, task: asyncio.Task[None]) -> None:
-        """The task that saw to the jobs is over: if it left any, another does so."""
+        """The task that ran the jobs has ended: if it left any, start another one."""
         if task.cancelled() and task.cancelling():  # the loop ends
             return
         error = None if task.cancelled() else task.exception()
@@ -245,7 +246,7 @@ class Runner:
 
     async def _run_jobs(self) -> None:
         """Run the job whose turn it is, and all that wait behind it. After an error at any line, it
-        may be begun anew."""
+        may be started again."""
         while (job := self.table.take_turn()) is not None:
             if job.state not in ENDED:
                 await self._use_rig(job)
@@ -254,14 +255,14 @@ class Runner:
             self.table.release(job)
 
     async def _use_rig(self, job: Job) -> None:
-        """Have the engine do a job, once; its `outcome` is there afterwards."""
+        """Let the engine do a job, once; afterwards there is an `outcome`."""
         if job.begun:
-            job.cancel_flag.set()  # should the engine still be at it
+            job.cancel_flag.set()  # in case the engine is still at it
             lost = PdcdError("what came of the job was lost", hint="see the daemon's log")
             job.outcome = job.outcome or make_failed_result(job, lost)
             return
         job.begun = True
-        # The job must end for its waiters whatever the engine did, so nothing is let through.
+        # The job must end for its waiters whatever the engine did, so no error passes.
         try:
             if isinstance(job.request, ShowParams):
                 job.outcome = await self._hold(job, job.request)
@@ -290,7 +291,7 @@ class Runner:
         return CaptureResult(job=job.name, state="done")
 
     async def _go_black(self, job: Job) -> None:
-        """Both panels are black after a show, also after one that failed."""
+        """Make both panels black after a show, also after one that failed."""
         while job.lit:
             job.lit -= 1
             try:
@@ -306,12 +307,12 @@ class Runner:
         request: CaptureRequest | CalibrateRequest | LiveParams | StreamRequest,
         loop: asyncio.AbstractEventLoop,
     ) -> tuple[CaptureResult, JobAnswer | None]:
-        """In the worker's thread: the engine call, with events thinned and sent to the loop."""
+        """In the engine's thread: call the engine, with events thinned and sent to the loop."""
         thinned = EventsToLoop(loop, lambda t_ns, event: self._tell(job, t_ns, event))
 
         def emit(event: Event) -> None:
             self._worker.beat()
-            # A copy by way of JSON types: what breaks the schema shall fail here, in the engine's
+            # A copy by way of JSON types: what breaks the schema must fail here, in the engine's
             # own call.
             event = events.decode_event(to_wire_types(event))
             if isinstance(event, events.Attention):
@@ -388,7 +389,8 @@ class Runner:
         cancelled: Callable[[], bool],
         done: CaptureResult,
     ) -> tuple[CaptureResult, PlanSummary | PreviewView | None]:
-        """A capture; or a plan or a preview, whose answer is more than that they are `done`."""
+        """A capture; or a plan or a preview, which have an answer in addition to the result
+        `done`."""
         engine, owner = self._engine, job.owner.view()
         if job.kind == "plan":
             return done, engine.plan(request, job.given, emit=emit, cancelled=cancelled)
@@ -407,8 +409,9 @@ class Runner:
         return result, None
 
     def _cancel(self, job: Job) -> None:
-        """Ask for the end of a job; one that waits has ended by this."""
-        # Looked at once more, should an error cut it short here: no task sees to one that waits.
+        """Cancel a job; one that waits has ended on return."""
+        # It is checked once more later, in case an error interrupts this: no task runs a job that
+        # waits.
         asyncio.get_running_loop().call_soon(self._end_cancelled, job)
         job.let_go.set()
         self.table.cancel(job)
@@ -419,7 +422,7 @@ class Runner:
             self._end(job)
 
     def _end(self, job: Job) -> None:
-        """Enter how a job ended, and wake and tell whoever wants to know; harmless once done."""
+        """Enter how a job ended, and wake and inform those who wait for it; harmless once done."""
         result = job.result or job.outcome
         if result is None:
             result = make_failed_result(job, PdcdError("the job ended without a result"))
@@ -433,7 +436,8 @@ class Runner:
                 logger.info("%s ended job=%s state=%s", job.kind, job.name, job.state)
 
     def _tell(self, job: Job, t_mono_ns: int, event: Event) -> bool:
-        """Whether all who listen could be told; where not, the job goes on, and ends."""
+        """Publish an event; returns whether that succeeded. If not, the job still goes on, and
+        ends."""
         try:
             self._publish(job, job.numbered(event, t_mono_ns))
         except BaseException:

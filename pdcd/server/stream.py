@@ -1,6 +1,6 @@
 """One accepted socket: bytes and descriptors in, lines out.
 
-The streams of asyncio drop descriptors that come with the bytes, so this reads by itself.
+The streams of asyncio drop descriptors that come with the bytes, so this module does the reading.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from typing import NamedTuple
 from pdcd.protocol.messages import MAX_FDS
 
 _READ_BYTES = 65536
-"""Most that is taken from a socket at a time."""
+"""Most bytes that are taken from a socket at a time."""
 
 _CONTROL_BYTES = socket.CMSG_LEN(MAX_FDS * array.array("i").itemsize)
 
 
 class ReceivedData(NamedTuple):
-    """What came at a time: `data` is empty at the end of the stream. The receiver owns `fds`;
-    `lost` tells that more of them came than could be taken."""
+    """What was received at a time: `data` is empty at the end of the stream. The receiver owns
+    `fds`; `lost` means that more of them came than could be taken."""
 
     data: bytes
     fds: list[int]
@@ -35,11 +35,11 @@ class Stream:
         sock.setblocking(False)
         self._sock = sock
         self.is_cut = False
-        """True once nothing more shall be read or written."""
+        """True once nothing more is to be read or written."""
 
     async def receive(self) -> ReceivedData:
         """Wait for bytes. Raises OSError when the connection broke."""
-        # A client that never stops sending must not keep the loop from all else.
+        # A client that never stops sending must not block the loop.
         await asyncio.sleep(0)
         while not self.is_cut:
             try:
@@ -54,7 +54,7 @@ class Stream:
         return ReceivedData(b"", [], False)
 
     async def send(self, line: bytes, fd: int | None = None) -> None:
-        """Hand a line to the kernel, when it has room, and a descriptor with its first byte, which
+        """Hand a line to the kernel, when it has room, with a descriptor at its first byte, which
         stays the caller's. Raises OSError when the client has gone."""
         if fd is not None:
             rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [fd]))]
@@ -67,16 +67,16 @@ class Stream:
         await asyncio.get_running_loop().sock_sendall(self._sock, line)
 
     def cut(self) -> None:
-        """End both directions at once; whoever waits in `receive` or `send` is woken."""
+        """End both directions at once; those who wait in `receive` or `send` are woken."""
         self.is_cut = True
         with contextlib.suppress(OSError):  # the client was first
             self._sock.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Give the socket back. Nobody may wait for it any more.
+        """Close the socket. Nobody may wait for it any more.
 
-        What the client sent and nobody read goes first: else its kernel reports a reset, and many a
-        client then never reads what it was told last.
+        Unread bytes of the client are read first: otherwise its kernel reports a reset, and many a
+        client then never reads the last message.
         """
         self.cut()
         with contextlib.suppress(OSError):

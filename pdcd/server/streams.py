@@ -1,4 +1,4 @@
-"""What passes between the loop and the engine's thread while a stream runs."""
+"""Connects the loop with the engine's thread while a stream runs."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from pdcd.server.jobs import ENDED, Job
 _DRAWN_S = 2.0
 """How long pictures of a stream are drawn after somebody asked for one."""
 _MOST_RECORDS = 4
-"""Runs of one stream that may wait to be made."""
+"""Runs of one stream that may be waiting to be made."""
 
 
 def make_stream_listener(
     job: Job, loop: asyncio.AbstractEventLoop, cancelled: Callable[[], bool]
 ) -> StreamListener:
-    """Who hears the stream of a job, in the engine's threads, and passes it on to the loop.
+    """The listener to the stream of a job, which passes calls from the engine's threads on to the
+    loop.
 
-    `cancelled` gives a sign of life of the engine's thread, which alone calls `next_record`; the
-    thread that makes pictures has no say in that.
+    `cancelled` also signals that the engine's thread is alive. Only that thread calls
+    `next_record`; the thread that makes pictures does not.
     """
 
     def next_record() -> RecordOrder | None:
@@ -44,7 +45,7 @@ def make_stream_listener(
 async def order_record(job: Job, place: HeldFolder) -> CaptureResult:
     """Have a run made of the newest photos of a stream, and wait for it.
 
-    Raises RequestError for one that has ended, BusyError where enough runs are wanted already,
+    Raises RequestError for one that has ended, BusyError where enough runs are ordered already,
     Cancelled where the stream ends first.
     """
     loop, made = asyncio.get_running_loop(), asyncio.Event()

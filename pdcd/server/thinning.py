@@ -14,10 +14,11 @@ PROGRESS_INTERVAL_NS = 100_000_000
 
 
 class Coalescer:
-    """Thins events to one in `interval_ns`; of those held back the newest wins.
+    """Thins events to one per `interval_ns`; of those held back, the newest is kept.
 
-    The thread that captures offers them. Where nothing follows what is held, a timer of the event
-    loop sends it: it is asked for by `wants_timer`, asks `due`, and starts again while `timed`.
+    The thread that captures offers them. Where nothing follows a held event, a timer of the event
+    loop sends it: `wants_timer` asks for the timer, which calls `due`, and starts again while
+    `timed`.
     """
 
     def __init__(self, interval_ns: int = PROGRESS_INTERVAL_NS) -> None:
@@ -45,7 +46,7 @@ class Coalescer:
             return wanted
 
     def due(self, now_ns: int) -> tuple[int, Event] | None:
-        """Time and event of what is held and may go out by now."""
+        """Time and event of what is held, if it may go out by now."""
         with self._lock:
             if self._held is not None and self._early(now_ns):
                 return None
@@ -99,7 +100,7 @@ class EventsToLoop:
         self._loop.call_soon_threadsafe(self._tell, t_ns, event)
 
     def _tell_late(self) -> None:
-        """In the loop: nothing followed what was held, for the rig waits, or hangs."""
+        """In the loop: nothing followed the held event, because the rig waits, or hangs."""
         held = self._thinned.due(time.monotonic_ns())
         if held is not None:
             self._tell(*held)

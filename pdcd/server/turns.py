@@ -1,7 +1,7 @@
-"""Work that many ask for and few may do at a time: users take turns, whoever asks most.
+"""Work that many ask for and few may do at the same time: users take turns, however much each asks.
 
-What one user asks for is done in the order in which it came. Between users it goes round, so that
-a thousand requests of one are no more in another's way than one is.
+What one user asks for is done in the order in which it came. Users are served in rotation, so that
+a thousand requests of one delay another no more than a single request would.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections import Counter, deque
 class UserTurns:
     """Places for work, handed out to users in turn. Used from one event loop.
 
-    each, total : places that one user may have, and all together.
+    each, total : places that one user may have, and all users together.
     """
 
     def __init__(self, each: int = 1, total: int = 1) -> None:
@@ -21,10 +21,10 @@ class UserTurns:
         self._free = total
         self._held: Counter[int] = Counter()
         self._waiting: dict[int, deque[asyncio.Future[None]]] = {}
-        """By user; whoever is next comes first."""
+        """Waiting requests by user; the user whose turn is next comes first."""
 
     async def take(self, uid: int) -> None:
-        """Wait for a place; whoever has one gives it back."""
+        """Wait for a place, which must be given back."""
         turn: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(uid, deque()).append(turn)
         self._hand_out()
@@ -36,7 +36,7 @@ class UserTurns:
             raise
 
     def give_back(self, uid: int, rest_s: float = 0.0) -> None:
-        """The work is done: the place is free, for this user after a rest (s)."""
+        """Give a place back; this user gets another only after a pause (s)."""
         self._free += 1
         if rest_s > 0.0:
             asyncio.get_running_loop().call_later(rest_s, self._end_rest, uid)

@@ -1,7 +1,7 @@
-"""The one thread in which every engine call runs, and its pulse.
+"""The one thread in which every engine call runs, and its signs of life.
 
-Devices and GL contexts belong to a thread, and an exposure must not be disturbed by a second
-call; so there is exactly one thread, and calls line up before it.
+Devices and GL contexts belong to a thread, and an exposure must not be disturbed by a second call;
+so there is exactly one thread, and calls queue up for it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import ParamSpec, TypeVar
 from pdcd.server.aside import Outcome
 
 ENGINE_THREAD = "pdcd-engine"
-"""What its name begins with."""
+"""Prefix of the thread's name."""
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -35,7 +35,7 @@ class EngineThread:
         self.beats += 1
 
     def probe(self) -> None:
-        """Make an idle thread beat; a busy one beats by itself or is not well."""
+        """Make an idle thread beat; a busy one beats by itself, or hangs."""
         if self._probe is None or self._probe.done():
             self._probe = self._pool.submit(self.beat)
 
@@ -43,7 +43,7 @@ class EngineThread:
         """Run the call in the thread and wait for what it returns or raises."""
         made = self._pool.submit(Outcome.of, partial(function, *args, **kwargs))
         done = asyncio.wrap_future(made)
-        if done.done():  # what it told the loop on its way has yet to be heard
+        if done.done():  # the loop has yet to hear what it was told on the way
             await asyncio.sleep(0)
         return (await done).get()
 
