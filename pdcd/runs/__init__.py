@@ -1,1 +1,1 @@
-"""The run folder and what a run remembers of itself: manifest, shots, frame log, what happened."""
+"""The run folder and the record of a run: manifest, shots, frame log, ledger."""

@@ -1,8 +1,8 @@
-"""Folders that `--out` named: noted in the user's own state folder, so that `pdcd runs` finds what
-went there.
+"""Folders that `--out` named: noted in the user's own state folder, so that `pdcd runs` finds the
+runs in them.
 
-No more than their paths is kept. What lies in them is looked at anew each time, and only in those
-that belong to this user, or to root: others may have put anything there meanwhile.
+Only their paths are kept. Their contents are read anew each time, and only where they belong to
+this user, or to root: others may have put anything there in the meantime.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from pdcd.files.text import encode_json
 
 _FILE = "elsewhere.json"
 _MOST_FOLDERS, _MOST_BYTES = 100, 2**20
-"""Noted folders, the newest; and the longest file of them that is read."""
+"""Most noted folders, of which the newest are kept; and the largest file of them that is read."""
 
 
 def note_folder(folder: Path) -> None:
-    """Note a folder that a command put a run into. What cannot be noted is left out: the run is
-    whole without."""
+    """Note a folder into which a command put a run. Failure to note it is ignored: the run is
+    complete without."""
     with suppress(OSError, PdcdError, UnicodeEncodeError):
         state, path = find_state_dir(Config()), os.path.realpath(folder)
         others = [other for other in _read_paths(state) if other != path]
@@ -38,7 +38,8 @@ def note_folder(folder: Path) -> None:
 
 
 def list_noted_folders() -> tuple[list[Path], list[Path]]:
-    """Folders that were noted and are still there: those to be looked into, and those of others."""
+    """Folders that were noted and are still there: those to be searched, and those of other
+    users."""
     try:
         paths = map(Path, _read_paths(find_state_dir(Config())))
     except ConfigError:  # a user without a home

@@ -13,8 +13,9 @@
     <job>/log.jsonl       what happened
     <job>/ledger.jsonl    what decoding needs, as it came to be (`pdcd.runs.ledger`)
 
-While it is being filled the folder is called ``<job>.partial``; it is never deleted. All is written
-through descriptors (`pdcd.runs.place`): whatever becomes of the names meanwhile, it stays in there.
+While it is being filled the folder is called ``<job>.partial``; it is never deleted. Everything is
+written through descriptors (`pdcd.runs.place`): whatever happens to the names in the meantime, it
+goes into this folder.
 """
 
 from __future__ import annotations
@@ -60,17 +61,18 @@ from pdcd.version import __version__
 logger = logging.getLogger(__name__)
 
 LOG = "log.jsonl"
-"""What happened in a run, a line an event."""
+"""What happened in a run, one line per event."""
 REPORT_FILE = "report.html"
-"""Everything of the run on one page; made after the run has ended, as rows of its matrix are: to
-look at, and nothing rests on them. No other file may come to lie in a run's folder later."""
+"""Everything of the run on one page. It is made after the run has ended, as are pictures of rows of
+its matrix: they are only to be looked at, and nothing depends on them. No other files may be added
+to a run's folder later."""
 _LATER = re.compile(r"report\.html|row-[A-Za-z0-9._-]{1,64}-\d{1,6}-\d{1,6}\.png", re.ASCII)
 
 _KEPT = "all RAW files are in it: run pdcd decode --partial on it"
 
 
 class RunFolder:
-    """One run's folder while it is being filled, in a place that stays open as long as this."""
+    """One run's folder while it is being filled, in a place that stays open at least as long."""
 
     def __init__(
         self,
@@ -80,7 +82,7 @@ class RunFolder:
         unfinished: str | None = None,
         below: tuple[str, ...] = ("raw", "linear", "preview"),
     ) -> None:
-        """`unfinished`: what it is called while it is being filled, where that is not the usual.
+        """`unfinished`: its name while it is being filled, where that is not the usual one.
         `below`: folders in it."""
         self._parent = parent
         self._below = below
@@ -104,19 +106,19 @@ class RunFolder:
                     device=str(parent.real),
                     hint="free some space, or lower limits.min_free_bytes",
                 )
-            # Locked before it has the name that others look for: none sees it without its lock.
+            # Locked before it gets the name that others look for: nobody sees it without its lock.
             hidden = f".{name}.new"
             os.mkdir(hidden, dir_fd=parent.fd)
             flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
             self._fd = os.open(hidden, flags, dir_fd=parent.fd)
-            with suppress(OSError):  # a disk without locks: nobody is told that the run goes on
+            with suppress(OSError):  # on a disk without locks nobody sees that the run goes on
                 locks.flock(self._fd, locks.LOCK_EX | locks.LOCK_NB)
             self._take(name, hidden)
             for below in self._below:
                 (self.path / below).mkdir()
 
     def _take(self, name: str, hidden: str) -> None:
-        """Give the new folder its name, unless something has it. Raises OSError."""
+        """Give the new folder its name, unless that is taken. Raises OSError."""
         at = self._parent.fd
         try:
             with suppress(FileNotFoundError):
@@ -148,11 +150,11 @@ class RunFolder:
         return self.path.readlink()
 
     def put_own_path(self, words: str) -> str:
-        """The same words, with where the folder is now in the place of its descriptor's path."""
+        """The same text, with the folder's current place instead of its descriptor's path."""
         return words.replace(str(self.path), str(self.where))
 
     def close(self) -> None:
-        """Let go of the folder. Idempotent."""
+        """Close the folder. Idempotent."""
         if self._fd is not None:
             os.close(self._fd)
             self._fd = None
@@ -164,7 +166,7 @@ class RunFolder:
         self.close()
 
     def log(self, event: Mapping[str, Any]) -> None:
-        """Append one line to log.jsonl: `t_mono_ns`, `event` (its type) and what it says."""
+        """Append one line to log.jsonl: `t_mono_ns`, `event` (its type) and its fields."""
         line = msgspec.json.format(encode_json(event), indent=0) + b"\n"
         with disk_errors(self._shown), (self.path / LOG).open("ab") as file:
             file.write(line)
@@ -190,13 +192,13 @@ class RunFolder:
         return name
 
     def write_raw(self, path: str, data: bytes) -> None:
-        """Store a photo that was in memory alone. Raises NoSpaceError and DiskError."""
+        """Store a photo that was only in memory. Raises NoSpaceError and DiskError."""
         with disk_errors(self._shown), (self.path / path).open("xb") as file:
             file.write(data)
 
     def drop(self, names: Iterable[str]) -> None:
         """Remove RAW files that a finished run does not keep. One that cannot be removed stays,
-        and is no fault of the run: its manifest knows it."""
+        which is no fault of the run: its manifest knows it."""
         for name in names:
             try:
                 (self.path / name).unlink(missing_ok=True)
@@ -222,7 +224,7 @@ class RunFolder:
         digest: str,
         alive: Callable[[], object] = lambda: None,
     ) -> str:
-        """The same with these bytes as what makes the folder whole: the file `record`, and the file
+        """The same, with these bytes as what completes the folder: the file `record`, and the file
         `digest` that vouches for it by `line`."""
         with disk_errors(self._shown):
             (self.path / digest).write_bytes(line)
@@ -249,7 +251,7 @@ class RunFolder:
         return hashlib.sha256(data).hexdigest()
 
     def _name(self) -> None:
-        """Give the folder its final name, durably, and see that it is this folder which has it."""
+        """Give the folder its final name, durably, and check that it is this folder that has it."""
         at, unfinished, final = self._parent.fd, self._unfinished, self._job
         self._parent.check()
         if not self._is(unfinished):
@@ -267,14 +269,14 @@ class RunFolder:
         return DiskError("the run folder was moved", device=self._shown, hint=_KEPT)
 
     def _unname(self) -> None:
-        """Take the final name back where the folder has it already."""
+        """Take the final name back if the folder has it already."""
         at = self._parent.fd
         with suppress(OSError):
             if self._is(self._job):
                 os.rename(self._job, self._unfinished, src_dir_fd=at, dst_dir_fd=at)
 
     def _is(self, name: str) -> bool:
-        """Whether this folder has that name in its place."""
+        """Whether that name in its place belongs to this folder."""
         try:
             found = os.stat(name, dir_fd=self._parent.fd, follow_symlinks=False)
         except FileNotFoundError:
@@ -288,7 +290,7 @@ class RunFolder:
     def hashes(
         self, alive: Callable[[], object] = lambda: None, *, skip: tuple[str, ...] = ()
     ) -> dict[str, FileRecord]:
-        """SHA-256 and size of every file so far, but of those whose paths begin with one of `skip`.
+        """SHA-256 and size of every file so far, except those whose paths begin with one of `skip`.
 
         `alive` is called now and then, and may raise to end the work.
         """
@@ -304,8 +306,8 @@ class RunFolder:
 def read_manifest(folder: Path) -> Manifest:
     """The manifest of a finished run.
 
-    Raises DecodeError when there is none, when it is damaged, or of another schema.
-    Whether it and the files are as they were is for `pdcd.runs.verify` to say.
+    Raises DecodeError when there is none, when it is damaged, or of another schema. Whether it and
+    the files are unchanged is checked by `pdcd.runs.verify`.
     """
     try:
         with open_folder(folder) as descriptor:
@@ -328,8 +330,8 @@ def write_patterns(
     codes: int,
     seed: int,
 ) -> None:
-    """Write codes.npz: what both panels are to show by each program, what made it, and what was
-    given. Raises NoSpaceError, or DiskError for any other refusal of the disk."""
+    """Write codes.npz: what both panels show by each program, what generated it, and the arrays of
+    the request. Raises NoSpaceError, or DiskError for any other refusal of the disk."""
     arrays: dict[str, NDArray[Any]] = {
         "family": np.array(family),
         "codes": np.array(codes),
@@ -340,7 +342,7 @@ def write_patterns(
         arrays[f"{name}.primal"], arrays[f"{name}.dual"] = primal, dual
     for name, array in given.items():
         arrays[f"goal.{name}"] = array
-    # Whole or not at all: shots that were taken already are decoded by what stands there.
+    # Written completely or not at all: shots that were taken already are decoded with this file.
     made = folder / f"{CODES}.new"
     with disk_errors(str(folder.resolve())):
         with made.open("wb") as file:
@@ -349,7 +351,7 @@ def write_patterns(
 
 
 def write_through(path: Path) -> None:
-    """Have a file or a folder written through to the disk. Raises OSError."""
+    """Write a file or a folder through to the disk. Raises OSError."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -358,7 +360,7 @@ def write_through(path: Path) -> None:
 
 
 def name_row_file(photo: str, cell: tuple[int, int]) -> str:
-    """File of the row of a probing matrix that belongs to a cell."""
+    """Name of the file for the row of a probing matrix that belongs to a cell."""
     return f"row-{photo}-{cell[0]}-{cell[1]}.png"
 
 

@@ -1,4 +1,5 @@
-"""frames.csv of a run: one row for every refresh of every shot; what was asked, shown, and when."""
+"""frames.csv of a run: one row for every refresh of every shot: what was asked for, what was shown,
+and when."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ from pdcd.runs.record import ShotRecord
 
 FRAMES_FILE = "frames.csv"
 _MAX_LINE = 2**12
-"""Letters of a row that are read at a time: the longest has a few hundred."""
+"""Characters of a row that are read at a time; the longest has a few hundred."""
 _DAMAGE = (OSError, UnsoundFileError, csv.Error)
 COLUMNS = (
     "shot", "refresh", "code", "shift", "guard", "primal_index", "dual_index",
@@ -31,13 +32,13 @@ COLUMNS = (
     "row", "dual_row",
 )  # fmt: skip
 DARK_COLUMN = "dark_ns"
-"""One more column, where the display shows rows with dark time between them."""
+"""An additional column, where the display shows rows with dark time between them."""
 
 
 def append_frames(path: Path, shot: str, frames: Frames, log: FrameLog) -> None:
-    """Append the refreshes of a shot to the table, which is made if need be.
+    """Append the refreshes of a shot to the table, which is made if needed.
 
-    Of one display either all logs tell of dark times or none does. Raises OSError.
+    For one display either all logs have dark times or none. Raises OSError.
     """
     row, dual_row = log.asked
     columns: tuple[NDArray[np.generic], ...] = (
@@ -74,7 +75,7 @@ def append_frames(path: Path, shot: str, frames: Frames, log: FrameLog) -> None:
 
 def read_frame_columns(path: Path, wanted: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
     """A whole table by column, an entry for each refresh: "shot" str, all others int64. wanted :
-    which columns, None: all that there are. Raises DecodeError for a damaged one."""
+    which columns; None: all. Raises DecodeError for a damaged one."""
     try:
         with _opened(path) as file:
             head, *lines = _read_rows(file)
@@ -89,12 +90,12 @@ def read_frame_columns(path: Path, wanted: Sequence[str] | None = None) -> dict[
 
 
 def _known(heads: Sequence[str]) -> tuple[str, ...]:
-    """Columns that a table must have, and the one that it may have."""
+    """Columns that a table must have, and the optional one if it is there."""
     return (*COLUMNS, DARK_COLUMN) if DARK_COLUMN in heads else COLUMNS
 
 
 def _to_numbers(entries: Sequence[str]) -> NDArray[np.int64]:
-    """Raises ValueError that names the first one which is none."""
+    """Entries as numbers. Raises ValueError that names the first entry that is none."""
     try:
         return np.array([int(entry) for entry in entries], dtype=np.int64)
     except (ValueError, OverflowError):
@@ -116,13 +117,13 @@ def make_table_error(path: Path, err: Exception) -> DecodeError:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[TextIO]:
-    """The table, which may be anything: read line by line, and by its descriptor."""
+    """The table, whatever its contents: read line by line, and through its descriptor."""
     with open_file(path) as descriptor, os.fdopen(os.dup(descriptor), newline="") as file:
         yield file
 
 
 def _read_rows(file: TextIO) -> Iterator[list[str]]:
-    """Rows of a table. Raises csv.Error for one that is too long to be one."""
+    """Rows of a table. Raises csv.Error for one that is too long."""
     return csv.reader(_read_lines(file))
 
 
@@ -147,8 +148,8 @@ class FrameTable:
     ) -> tuple[Frames, FrameLog]:
         """What a shot was asked to show of its patterns, and what it showed.
 
-        A shot is asked for once: its lines are given away. Raises DecodeError when the table is
-        damaged or lacks some of them.
+        Each shot can be asked for only once, because its lines are then dropped. Raises DecodeError
+        when the table is damaged or lacks some of them.
         """
         table = self._table(shot.name, shot.refreshes)
         frames = _frames(table, shot, pair, grid)
@@ -175,7 +176,7 @@ class FrameTable:
         )
 
     def _table(self, name: str, refreshes: int) -> dict[str, NDArray[np.int64]]:
-        """The lines of a shot by column; they are given away."""
+        """The lines of a shot by column; they are dropped here."""
         try:
             if name not in self._rows:
                 self._read_on()
@@ -191,7 +192,7 @@ class FrameTable:
             raise make_table_error(self._path, err) from err
 
     def _read_on(self) -> None:
-        """Sort the lines that came since the last time by their shots."""
+        """Sort the lines added since the last call by their shots."""
         with _opened(self._path) as file:
             file.seek(self._read_bytes)
             lines = _read_rows(file)
@@ -204,8 +205,8 @@ class FrameTable:
 
 
 def restore_frames(frames: Frames, log: FrameLog) -> tuple[Frames, FrameLog]:
-    """What `FrameTable.of` would give back of them, for whoever decodes a shot without a table:
-    times of rows are those of the log, in whole nanoseconds."""
+    """What `FrameTable.of` would return for them, for decoding a shot without a table: times of
+    rows are those of the log, in whole nanoseconds."""
     dark_s = None if log.dark_s is None else np.rint(1e9 * log.dark_s) / 1e9
     return replace(frames, dark_s=None, delay_s=None), replace(
         log, dark_s=dark_s, delay_s=None, mask_delay=0
@@ -271,5 +272,5 @@ def _log_of(
 
 
 def _asked(table: dict[str, NDArray[np.int64]]) -> list[NDArray[np.int32]]:
-    """Rows of the frames that projector and mask were to carry."""
+    """Rows of the frames that projector and mask were meant to show."""
     return [table[name].astype(np.int32) for name in ("row", "dual_row")]

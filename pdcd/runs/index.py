@@ -1,8 +1,8 @@
-"""The list of runs: which there are on disk, newest first, and how each came out.
+"""The list of runs: those on disk, newest first, and how each ended.
 
-The folders are the truth. Nothing is kept beside them, so there is nothing that could be wrong or
-out of date after a restart, a copy or a removal by hand. No more is opened than is asked for: by
-time alone a folder's name decides.
+The folders are the truth. Nothing else is kept, so nothing can be wrong or out of date after a
+restart, a copy or a removal by hand. No more is opened than is asked for: a search by time alone
+needs only the folders' names.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from pdcd.runs.walk import (
 from pdcd.words import GoalName
 
 PAGE_BYTES = 2**26
-"""Read for one page; more manifests are left to the next."""
+"""Bytes read for one page; further manifests are left to the next page."""
 ANSWER_BYTES = 2**19
 """Length of one page as JSON: it still fits into a line of the socket."""
 
@@ -43,10 +43,10 @@ ANSWER_BYTES = 2**19
 def search_runs(state: Path, query: RunQuery, walk: Walk | None = None) -> Page:
     """A page of the runs below a state folder.
 
-    It may have fewer than `newest` runs, or none, and yet `more` to follow: what is read at a time
-    is bounded. Reads directories and manifests, so it is not for an event loop. `walk` is what was
-    found in the state folder, where somebody has looked. Raises RequestError for a `before` that is
-    none, DiskError when the folder cannot be read.
+    It may have fewer than `newest` runs, or none, and yet `more` to follow: the amount that is read
+    at a time is bounded. Reads directories and manifests, so it must not be called in an event
+    loop. `walk` is the result of an earlier walk through the state folder, if there is one. Raises
+    RequestError for an invalid `before`, DiskError when the folder cannot be read.
     """
     walk = walk_runs(state) if walk is None else walk
     wanted = list(_by_name(walk.spots, query))
@@ -79,7 +79,7 @@ def find_runs(
     failed: bool = False,
     previews: bool = False,
 ) -> list[RunEntry]:
-    """All runs below a state folder that are like that, newest first; with `newest`, so many.
+    """All runs below a state folder that match, newest first; with `newest`, at most so many.
 
     Raises DiskError when the folder cannot be read.
     """
@@ -101,7 +101,7 @@ def find_runs(
 
 
 def iterate_run_pages(state: Path, query: RunQuery, depth: int = DEPTH) -> Iterator[Page]:
-    """Page after page of the runs below a state folder, so many folders deep. Raises what
+    """Page after page of the runs below a state folder, down to this depth of folders. Raises what
     `search_runs` raises."""
     walk = walk_runs(state, depth)
     while True:
@@ -113,7 +113,8 @@ def iterate_run_pages(state: Path, query: RunQuery, depth: int = DEPTH) -> Itera
 
 
 def make_name_query(text: str) -> RunQuery:
-    """The query for what a person typed for a run: its job, or its name. Raises RequestError."""
+    """The query for a text by which a person named a run: its job, or its name. Raises
+    RequestError."""
     fields = {"job" if is_job(text) else "name": text, "previews": True}
     try:
         return msgspec.convert(fields, RunQuery)
@@ -125,9 +126,9 @@ def make_name_query(text: str) -> RunQuery:
 
 
 def pick_run(found: Collection[RunEntry], text: str) -> RunEntry:
-    """The run of these that a text means; of one job, the one that came furthest.
+    """The run that a text means among these; of one job, the run that got furthest.
 
-    Raises RequestError when there is none, or when several runs are called so.
+    Raises RequestError when there is none, or when several runs have that name.
     """
     jobs = sorted({entry.job for entry in found}, reverse=True)
     if not jobs:
@@ -142,7 +143,7 @@ def pick_run(found: Collection[RunEntry], text: str) -> RunEntry:
 
 
 def is_match(entry: RunEntry, query: RunQuery) -> bool:
-    """Whether a run is what is asked for, its time apart."""
+    """Whether a run matches the query, apart from its time."""
     return (
         (query.goal is None or entry.goal == query.goal)
         and (query.name is None or entry.name == query.name)
@@ -152,12 +153,12 @@ def is_match(entry: RunEntry, query: RunQuery) -> bool:
 
 
 def _by_name(spots: list[RunSpot], query: RunQuery) -> Iterator[RunSpot]:
-    """The runs that may be wanted, as far as their names tell."""
+    """The runs that may match, judged by their names."""
     before = None if query.before is None else require_spot(query.before)
     since = None if query.since is None else format_job_time(query.since)
     for spot in spots:
         if since is not None and spot.job < since:
-            return  # they go by time
+            return  # they are sorted by time
         if before is not None and spot[:2] >= before[:2]:
             continue
         if query.job in (None, spot.job) and (query.previews or not spot.preview):
@@ -167,7 +168,7 @@ def _by_name(spots: list[RunSpot], query: RunQuery) -> Iterator[RunSpot]:
 def _looked_at(
     top: int, spot: RunSpot, path: str, owners: frozenset[int]
 ) -> tuple[RunEntry | None, int]:
-    """A run, and the bytes that were read for it; None where it has gone meanwhile."""
+    """A run, and the bytes that were read for it; None where it has been removed meanwhile."""
     bare = make_bare_entry(spot, path)
     if spot.foreign:
         return bare, 0

@@ -1,9 +1,9 @@
-"""ledger.jsonl: what a run must know to be decoded, written down before and after every exposure.
+"""ledger.jsonl: what is needed to decode a run, written before and after every exposure.
 
 The manifest comes last, so a run that was interrupted has none. Its ledger has the record of the
 run before the first exposure, and each shot as soon as its RAW file and its rows of frames.csv are
 there. Every line holds a digest of itself and of the one before: a line that was half written when
-the power went is noticed, and none can be lost, changed or moved in between.
+the power failed is noticed, and none in between can be lost, changed or moved.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from pdcd.runs.record import FileRecord, MeterRecord, RecordCount, RunRecord, Sh
 
 LEDGER_FILE = "ledger.jsonl"
 MAX_LEDGER_BYTES = 2**26
-"""Longest ledger that is read; a shot takes half a thousand bytes."""
+"""Longest ledger that is read; a shot takes about 500 bytes."""
 MAX_FIRST_BYTES = 2**20
-"""Longest first line that is read where only that is wanted."""
+"""Longest first line that is read where only that is needed."""
 _SYNC_S = 1.0
-"""Least time between two times that the disk is waited for: shorter runs are made durable at their
-end, and a cut of the power costs no more than that."""
+"""Least time between two waits for the disk: shorter runs are made durable at their end, and a
+power failure costs no more than that time."""
 
 
 class RunStart(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="begun"):
@@ -52,8 +52,8 @@ class RunStart(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag
 
 
 class _Planned(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="planned"):
-    """The record of the run, without its shots, and its codes: at first, and where a pilot changed
-    the plan again."""
+    """The record of the run, without its shots, and its codes: at first, and again whenever the
+    plan changed."""
 
     plan: dict[str, Any]
     run: RunRecord
@@ -68,7 +68,7 @@ class MeterEntry(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", t
 
 
 class ShotEntry(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="taken"):
-    """A shot, and the piece of frames.csv that was written since the one before."""
+    """A shot, and the part of frames.csv that was written since the one before."""
 
     shot: ShotRecord
     frames: FileRecord
@@ -81,7 +81,7 @@ class WarningEntry(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry",
 
 
 class ConvergenceEntry(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="enough"):
-    """The error asked for is reached: shots that are still planned are not wanted."""
+    """The wanted error is reached: shots that are still planned are not needed."""
 
 
 LedgerEntry = RunStart | _Planned | MeterEntry | ShotEntry | WarningEntry | ConvergenceEntry
@@ -90,14 +90,14 @@ LedgerEntry = RunStart | _Planned | MeterEntry | ShotEntry | WarningEntry | Conv
 class _Line(msgspec.Struct, frozen=True):
     said: msgspec.Raw
     sha256: Sha256
-    """Of the digest before, as text, and of the bytes of `said`."""
+    """SHA-256 of the previous digest, as text, and the bytes of `said`."""
 
 
 class RunLedger:
-    """Writes the ledger of a run that goes on. Every method raises NoSpaceError and DiskError."""
+    """Writes the ledger of a run in progress. Every method raises NoSpaceError and DiskError."""
 
     def __init__(self, folder: RunFolder, held: Mapping[str, FileRecord] | None = None) -> None:
-        """held : RAW files that are in memory alone, as they come."""
+        """held : RAW files that are only in memory, as they come."""
         self._folder = folder
         self._held = {} if held is None else held
         self._digest = ""
@@ -106,32 +106,32 @@ class RunLedger:
         self._unsynced: set[str] = set()
 
     def begin(self, begun: RunStart) -> None:
-        """The first line."""
+        """Write the first line."""
         self._write(begun)
 
     def plan(self, plan: dict[str, Any], run: RunRecord) -> None:
-        """The codes are stored, as the run is to go on by them."""
+        """Record a plan by which the run goes on; its codes are stored."""
         self._unsynced.add(CODES)
         self._write(_Planned(plan=plan, run=run, codes=self._record(CODES)))
 
     def meter(self, meter: MeterRecord) -> None:
-        """A test exposure was taken and looked at."""
+        """Record a test exposure that was taken and evaluated."""
         held = self._held.get(meter.raw)
         if held is None:
             self._unsynced.add(meter.raw)
         self._write(MeterEntry(meter=meter, file=held or self._record(meter.raw)))
 
     def take(self, shot: ShotRecord) -> None:
-        """A shot was taken: its RAW file and its rows of frames.csv are there."""
+        """Record a shot that was taken: its RAW file and its rows of frames.csv are there."""
         self._unsynced.update({shot.raw, FRAMES} - self._held.keys())
         self._write(ShotEntry(shot=shot, frames=self._piece()))
 
     def warn(self, text: str) -> None:
-        """A warning for the manifest."""
+        """Record a warning for the manifest."""
         self._write(WarningEntry(text=text))
 
     def enough(self) -> None:
-        """No more shots are wanted."""
+        """Record that no more shots are needed."""
         self._write(ConvergenceEntry())
 
     def _write(self, entry: LedgerEntry) -> None:
@@ -144,7 +144,7 @@ class RunLedger:
             self._sync_now_and_then()
 
     def _sync_now_and_then(self) -> None:
-        """What the lines speak of is durable before they are."""
+        """Make the files that the lines name durable before the lines."""
         if time.monotonic() - self._synced_s < _SYNC_S:
             return
         for name in (*sorted(self._unsynced), LEDGER_FILE):
@@ -158,7 +158,7 @@ class RunLedger:
             return FileRecord(*hash_open_file(descriptor))
 
     def _piece(self) -> FileRecord:
-        """What was appended to frames.csv since the last shot."""
+        """The part that was appended to frames.csv since the last shot."""
         with open_inner_file(self._folder.fd, FRAMES) as descriptor:
             os.lseek(descriptor, self._frames_bytes, os.SEEK_SET)
             piece = FileRecord(*hash_open_file(descriptor))
@@ -167,11 +167,11 @@ class RunLedger:
 
 
 class LedgerContents(msgspec.Struct, frozen=True, kw_only=True):
-    """A ledger as it was found."""
+    """A ledger as it was read."""
 
     begun: RunStart
     planned: _Planned | None = None
-    """As it was last; None where the run ended before its codes were stored."""
+    """The last one; None where the run ended before its codes were stored."""
     taken: tuple[ShotEntry, ...] = ()
     metered: tuple[MeterEntry, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -187,10 +187,10 @@ class LedgerContents(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_ledger(folder: int) -> LedgerContents:
-    """The ledger of a run folder, by its descriptor.
+    """The ledger of a run folder, given by its descriptor.
 
-    A last line that was not written to its end is left out. Raises DecodeError when there is no
-    ledger, or when any other line is damaged.
+    An incomplete last line is left out. Raises DecodeError when there is no ledger, or when any
+    other line is damaged.
     """
     try:
         data = read_inner_file(folder, LEDGER_FILE, MAX_LEDGER_BYTES)
@@ -210,7 +210,7 @@ def read_ledger(folder: int) -> LedgerContents:
 
 
 def read_run_start(folder: int) -> tuple[RunStart, int]:
-    """What a run folder's ledger begins with, and the bytes that were read for it.
+    """The first entry of a run folder's ledger, and the bytes that were read for it.
 
     Raises DecodeError when there is no such line within `MAX_FIRST_BYTES`, and OSError.
     """
@@ -225,7 +225,7 @@ def read_run_start(folder: int) -> tuple[RunStart, int]:
 
 def _entries(lines: list[bytes]) -> list[LedgerEntry]:
     digest, found = "", []
-    # Behind the last newline lies nothing, or a line that was not written to its end.
+    # After the last newline there is nothing, or an incomplete line.
     for number, line in enumerate(lines[:-1]):
         try:
             read = msgspec.json.decode(line, type=_Line)

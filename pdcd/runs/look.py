@@ -1,6 +1,6 @@
-"""What one run folder tells of itself, for a list of runs: little of it is read, and within limits.
+"""Reads what one run folder says of itself, for a list of runs: only a little, and within limits.
 
-Whether a run is undamaged is not looked at: that takes reading all of it (`pdcd.runs.verify`).
+Whether a run is undamaged is not checked: that needs all of it to be read (`pdcd.runs.verify`).
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ from pdcd.words import VerdictName
 MOST_LISTED_BYTES = 16 * 2**20
 """Longest manifest that is read."""
 _TAIL_BYTES = 2**16
-"""Read of the end of log.jsonl, whose last line says why a run failed."""
+"""Bytes that are read at the end of log.jsonl, whose last line says why a run failed."""
 _LETTERS = {"note": 4096, "reason": 600, "taken": 600}
-"""Most that is told of texts, of others 80: those of forged manifests may be of any length."""
+"""Most characters of texts in a list, 80 for others: those of forged manifests may be of any
+length."""
 
 
 class _Asked(msgspec.Struct):
@@ -62,7 +63,7 @@ class _Summary(msgspec.Struct):
 
 
 class _Head(msgspec.Struct):
-    """What is read of a manifest."""
+    """The part of a manifest that is read."""
 
     job: str
     schema: int
@@ -88,9 +89,9 @@ class _Last(msgspec.Struct):
 
 
 def read_run_entry(folder: int, spot: RunSpot, path: str) -> tuple[RunEntry, int]:
-    """A run as it lies in an open folder, and the bytes that were read for it.
+    """The entry of a run in an open folder, and the bytes that were read for it.
 
-    `path` is what people call the folder. Raises nothing for what is wrong with it.
+    `path` is the folder's path for people. Faults are in the entry, never raised.
     """
     bare = make_bare_entry(spot, path)
     if spot.ending.endswith(REMOVED):
@@ -106,7 +107,7 @@ def read_run_entry(folder: int, spot: RunSpot, path: str) -> tuple[RunEntry, int
     try:
         head = msgspec.json.decode(data, type=_Head)
         check_schema(head.schema)
-    # Also of a name of unlucky bytes.
+    # Also for a name of invalid bytes.
     except (ValueError, RecursionError, OtherSchemaError) as err:
         return make_damaged_entry(bare, err), len(data)
     if head.job != spot.job:
@@ -115,7 +116,7 @@ def read_run_entry(folder: int, spot: RunSpot, path: str) -> tuple[RunEntry, int
 
 
 def make_bare_entry(spot: RunSpot, path: str) -> RunEntry:
-    """What the name of a folder tells."""
+    """The entry as far as the folder's name gives it."""
     kind: Literal["capture", "preview"] = "preview" if spot.preview else "capture"
     if spot.foreign:
         why = "it belongs to somebody else than the folder of runs, and was not looked into"
@@ -124,13 +125,14 @@ def make_bare_entry(spot: RunSpot, path: str) -> RunEntry:
 
 
 def make_damaged_entry(bare: RunEntry, err: Exception) -> RunEntry:
-    """A run that cannot be read."""
+    """The entry of a run that cannot be read."""
     words = err.message if isinstance(err, DecodeError) else getattr(err, "strerror", None)
     return _with(bare, state="damaged", reason=f"{MANIFEST}: {words or err}")
 
 
 def is_being_filled(folder: int) -> bool | None:
-    """Whether a run goes on in an open folder (see `RunFolder.create`); None: nobody can tell."""
+    """Whether a run goes on in an open folder (see `RunFolder.create`); None where that is
+    unknown."""
     try:
         locks.flock(folder, locks.LOCK_SH | locks.LOCK_NB)
     except BlockingIOError:
@@ -166,7 +168,7 @@ def _finished(bare: RunEntry, head: _Head) -> RunEntry:
 
 
 def _unfinished(folder: int, bare: RunEntry, *, decoding: bool) -> tuple[RunEntry, int]:
-    """A run without a manifest: what its ledger began with, and how its log ends."""
+    """A run without a manifest: the beginning of its ledger, and the end of its log."""
     size = 0
     try:
         begun, size = read_run_start(folder)
@@ -191,7 +193,7 @@ def _unfinished(folder: int, bare: RunEntry, *, decoding: bool) -> tuple[RunEntr
 
 
 def _begun(begun: RunStart) -> dict[str, Any]:
-    """Fields of an entry that the first line of a ledger tells. Raises ValidationError."""
+    """Fields of an entry from the first line of a ledger. Raises ValidationError."""
     asked = msgspec.convert(begun.request, _Asked)
     planned = msgspec.convert(begun.plan, _Planned)
     return {
@@ -213,7 +215,8 @@ def _labels(asked: _Asked) -> dict[str, Any]:
 
 
 def _last_line(folder: int) -> tuple[_Last | None, int]:
-    """The last whole line of log.jsonl, and the bytes that were read; None where there is none."""
+    """The last complete line of log.jsonl, and the bytes that were read; None where there is
+    none."""
     try:
         with open_inner_file(folder, LOG) as descriptor:
             size = os.fstat(descriptor).st_size

@@ -1,9 +1,9 @@
 """The manifest as bytes: how it is written, read within limits, and vouched for by a digest.
 
 ``capture.json.sha256`` lies beside it, one line as ``sha256sum`` writes it. Any change of either
-file is noticed, down to white space. It protects against accidents: who changes a run on purpose
-can write a new digest. Against that only a digest kept elsewhere helps (`manifest_sha256` of the
-job's result).
+file is noticed, down to white space. It protects against accidents: somebody who changes a run on
+purpose can write a new digest. Against that only a digest kept elsewhere helps (`manifest_sha256`
+of the job's result).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MAX_MANIFEST_BYTES = 2**26
 
 
 def encode_manifest(manifest: Manifest) -> bytes:
-    """The manifest as capture.json has it. Raises PdcdError when it could not be read again."""
+    """The bytes of capture.json. Raises PdcdError when the manifest could not be read again."""
     data = msgspec.json.format(encode_json(manifest), indent=1)
     if len(data) > MAX_MANIFEST_BYTES:
         raise PdcdError(
@@ -41,11 +41,11 @@ class OtherSchemaError(DecodeError):
 
 
 def parse_manifest(data: bytes) -> Manifest:
-    """The manifest out of the bytes of capture.json. Raises DecodeError, whatever the bytes are:
-    for a manifest of another schema OtherSchemaError, which names both."""
+    """The manifest from the bytes of capture.json. Raises DecodeError, whatever the bytes are; for
+    a manifest of another schema OtherSchemaError, which names both schemas."""
     try:
         told = msgspec.json.decode(data, type=dict[str, Any])
-        # Of two equal keys parsers take one or the other; a manifest has none.
+        # Of two equal keys a parser may take either; a manifest has none.
         json.loads(data, object_pairs_hook=_once)
         check_schema(told.get("schema"))
         _check_goal(told)
@@ -57,13 +57,14 @@ def parse_manifest(data: bytes) -> Manifest:
 
 
 def check_schema(schema: object) -> None:
-    """Raises OtherSchemaError for another schema than the one that is read here."""
+    """Raise OtherSchemaError for any schema but the one that is read here."""
     if type(schema) is not int or schema != SCHEMA_VERSION:
         raise _other_schema(f"{schema!r:.60}")
 
 
 def _check_goal(told: dict[str, Any]) -> None:
-    """Schemas were counted anew: the first of all, whose goal is a word, was a 1 as well."""
+    """Raise OtherSchemaError for the first of all schemas, in which the goal is a word: it was
+    numbered 1, too, before the numbers were started again."""
     run = told.get("run")
     if isinstance(run, dict) and isinstance(run.get("goal"), str):
         raise _other_schema(f"{SCHEMA_VERSION} of before schemas were counted anew")

@@ -18,8 +18,8 @@ from pdcd.files.reading import open_file
 
 CODES_FILE = "codes.npz"
 MAX_CODES_BYTES = 2**31
-"""Most that its arrays may hold together: the codes of 65536 refreshes of 512 x 384 cells and more.
-A file of 1 MB may say that it holds a thousand times as much."""
+"""Most bytes that its arrays may hold together: the codes of 65536 refreshes of 512 x 384 cells and
+more. A file of 1 MB may claim to hold a thousand times as much."""
 
 
 def read_patterns(folder: Path) -> dict[str, NDArray[Any]]:
@@ -53,7 +53,7 @@ def read_stored_arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def _check(stream: IO[bytes], size_bytes: int) -> None:
-    """Raise ValueError where an array says that it is larger than its file: numpy takes the memory
+    """Raise ValueError where an array claims to be larger than its file: numpy allocates the memory
     before it reads."""
     read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     version = npy.read_magic(stream)

@@ -1,8 +1,8 @@
-"""Where runs are to go: a folder held open from when it was allowed until the job has ended.
+"""Where runs are put: a folder held open from when it was allowed until the job has ended.
 
 A path is only a name, and between the check and the use it may come to mean something else. So the
 folder is opened part by part, through no symbolic link, and everything is written through its
-descriptor: what is held stays the same folder, wherever it is moved and whatever takes its name.
+descriptor: it stays the same folder, wherever it is moved and whatever takes its name.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from pdcd.files.system import path_of, real_path_of, system
 from pdcd.runs.manifest import MANIFEST
 
 UNFINISHED = ".partial"
-"""How the name of a run folder ends while it is being filled."""
+"""Suffix of the name of a run folder while it is being filled."""
 
 MAX_PATH_PARTS, MAX_PATH_BYTES = 64, 2048
-"""Deepest folder, and longest path to it: what lies in a run must still have a path."""
+"""Deepest folder, and longest path to it: the files of a run must still have valid paths."""
 
 _JOB_NAME = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]+")
-"""Folders of such names are runs; nobody else makes one and so takes the name of a run to come."""
+"""Folders with such names are runs. Nobody may make others, which would take the name of a later
+run."""
 
 _ASKED_WRONG = (
     errno.EACCES,
@@ -38,18 +39,19 @@ _ASKED_WRONG = (
     errno.ENOTDIR,
     errno.EPERM,
 )
-"""What the system says of a path that is wrong, as against a disk that fails."""
+"""Errors of the system for a wrong path, as opposed to a disk that fails."""
 
 
 class HeldFolder:
-    """A folder held by its descriptor; closed by who opened it, or by the job it was given to.
+    """A folder held by its descriptor; closed by whoever opened it, or by the job it was given to.
 
-    `fd` is the descriptor, `path` leads to the folder from within this process, `real` says where
-    it is now. A child process that is to write there gets the descriptor passed.
+    `fd` is the descriptor, `path` leads to the folder within this process, `real` is its current
+    place. A child process that is to write there is passed the descriptor.
     """
 
     def __init__(self, fd: int, bound: tuple[int, int] | None) -> None:
-        """Use `below` or `at`. `bound`: device and inode of the folder that it must lie in."""
+        """Use `below` or `at` instead. `bound`: device and inode of the folder that it must lie
+        in."""
         self._fd: int | None = fd
         self._bound = bound
 
@@ -57,8 +59,8 @@ class HeldFolder:
     def below(cls, root: Path, out: str, *, make: bool = True) -> HeldFolder:
         """The folder `out` below `root`, as a client names it: absolute or relative to the root.
 
-        Folders that are missing are made; without `make` the place is the deepest one that exists,
-        and good for looking only. Below the root no symbolic link is followed.
+        Missing folders are made; without `make` the result is the deepest folder that exists, which
+        serves for reading only. Below the root no symbolic link is followed.
 
         Raises RequestError when the path leads elsewhere, into another run, or to no folder,
         NoSpaceError, and DiskError when the disk fails.
@@ -79,7 +81,7 @@ class HeldFolder:
     def at(cls, path: Path) -> HeldFolder:
         """Any folder, as a user of this machine names it; it is made where it is missing.
 
-        Links on the way to it are followed, now and not later. Raises what `below` raises.
+        Links on the way to it are followed, but only now. Raises what `below` raises.
         """
         with _typed(str(path)):
             real = path.resolve()
@@ -89,7 +91,7 @@ class HeldFolder:
     def _made(
         cls, top: int, parts: tuple[str, ...], bound: tuple[int, int] | None, *, make: bool
     ) -> HeldFolder:
-        """The place that the parts lead to from a folder, which is closed."""
+        """The place to which the parts lead from the folder `top`, which is closed."""
         way = _descended(top, parts, make=make)
         try:
             flags = system.O_RDONLY | system.O_DIRECTORY | system.O_CLOEXEC
@@ -117,7 +119,7 @@ class HeldFolder:
 
     @property
     def real(self) -> Path:
-        """Where the folder is now; for people, and for results."""
+        """The folder's current path; for people, and for results."""
         return real_path_of(self.fd)
 
     def check(self) -> None:
@@ -142,7 +144,7 @@ class HeldFolder:
             raise _refused(f"the folder was moved out of the daemon's state folder: {self.real}")
 
     def close(self) -> None:
-        """Let go of the folder. Idempotent."""
+        """Close the folder. Idempotent."""
         fd, self._fd = self._fd, None
         if fd is not None:
             system.close(fd)
@@ -155,7 +157,7 @@ class HeldFolder:
 
 
 def _parts_below(root: Path, out: str) -> tuple[str, ...]:
-    """Parts of the way from the root to `out`, which is never looked up: only its words count."""
+    """Parts of the path from the root to `out`. The path is not looked up on the disk."""
     home = root.absolute()
     path = Path(os.path.normpath(home / out))
     for base in (Path(os.path.normpath(home)), home.resolve()):
@@ -172,7 +174,7 @@ def _parts_below(root: Path, out: str) -> tuple[str, ...]:
 
 
 def _descended(at: int, parts: tuple[str, ...], *, make: bool) -> int:
-    """Descriptor of where the parts lead to from the folder `at`, which is closed."""
+    """Descriptor of the folder to which the parts lead from the folder `at`, which is closed."""
     try:
         _refuse_names(parts)
         for number, name in enumerate(parts):
@@ -197,7 +199,7 @@ def _descended(at: int, parts: tuple[str, ...], *, make: bool) -> int:
 
 
 def _refuse_names(parts: tuple[str, ...]) -> None:
-    """Raise RequestError for what no folder may be called, UnicodeError for what is no text."""
+    """Raise RequestError for names that no folder may have, UnicodeError for invalid text."""
     if len(parts) > MAX_PATH_PARTS or len("/".join(parts).encode()) > MAX_PATH_BYTES:
         raise _refused("the folder's path is too long")
     for name in parts:
@@ -226,7 +228,7 @@ def _refused(why: str) -> RequestError:
 
 @contextmanager
 def _typed(out: str) -> Iterator[None]:
-    """Say what is wrong with a path that cannot be opened, in a typed error."""
+    """Turn errors for a path that cannot be opened into typed ones."""
     try:
         with disk_errors(repr(out)[:200]):
             try:

@@ -17,9 +17,10 @@ def format_utc_now() -> str:
 
 
 def list_versions() -> dict[str, str]:
-    """Python and the packages that a result depends on, as this process found them first.
+    """Python and the packages that a result depends on, with their versions when this process
+    started using them.
 
-    Read once: a package that is upgraded later is not what this process runs.
+    They are read once: a package that is upgraded later is not the one that this process runs.
     """
     return dict(_versions())
 
@@ -32,7 +33,7 @@ def _versions() -> dict[str, str]:
 
 
 def find_git_commit() -> str | None:
-    """Commit of the source tree that runs, or None where it is not a checkout."""
+    """Commit of the running source tree, or None where it is not a checkout."""
     git = Path(__file__).resolve().parents[2] / ".git"
     try:
         head = (git / "HEAD").read_text().strip()

@@ -1,7 +1,8 @@
-"""Runs that are no longer wanted are removed: from the state folder alone, and none that goes on.
+"""Removal of runs that are no longer wanted: only from the state folder, and never of a run in
+progress.
 
-A run is locked, and gets a name that says what happens to it, before any of its files goes: so an
-interrupted removal leaves nothing that looks like a run.
+A run is locked, and renamed to say that it is being removed, before any of its files is removed: so
+an interrupted removal leaves nothing that looks like a run.
 """
 
 from __future__ import annotations
@@ -24,15 +25,15 @@ from pdcd.runs.place import UNFINISHED
 from pdcd.runs.walk import REMOVED, open_run_folder, open_state_folder
 
 _LEFTOVERS = ("failed", "cancelled", "unfinished")
-"""Runs without a manifest. Damaged ones and those made of a part are not among them: what they
-hold may be all that there is."""
+"""Runs without a manifest. Damaged and partial ones are not among them: they may hold all that
+there is."""
 _KEPT = ("running", "foreign")
 """Never removed."""
 MOST_FILES = 1_000_000
 
 
 class UnwantedRun(msgspec.Struct, frozen=True, kw_only=True):
-    """A run that is to go, and what became of it."""
+    """A run that is to be removed, and the result."""
 
     run: RunEntry
     size_bytes: int
@@ -49,11 +50,11 @@ def find_unwanted_runs(
     leftovers: bool = False,
     keep: int = 0,
 ) -> Iterator[UnwantedRun]:
-    """Which captures below a state folder would be removed, newest first.
+    """The captures below a state folder that would be removed, newest first.
 
-    Of those that `query` finds: with `leftovers` only runs that failed, were cancelled or ended
-    without a word; of them not the newest `keep`; of the rest those started before `older_than`.
-    Raises DiskError when the folder cannot be read.
+    They are chosen from those that `query` finds. With `leftovers`, only runs that failed, were
+    cancelled or were left unfinished. Of these the newest `keep` are spared; of the rest, those
+    started before `older_than` are listed. Raises DiskError when the folder cannot be read.
     """
     limit = None if older_than is None else format_job_time(older_than)
     kept = 0
@@ -67,7 +68,7 @@ def find_unwanted_runs(
 
 
 def remove_run(state: Path, one: UnwantedRun) -> UnwantedRun:
-    """Remove a run for good; returns what became of it. Raises nothing for what kept it."""
+    """Remove a run for good; returns the result. An error is in the result, not raised."""
     path = os.path.relpath(one.run.folder, state)
     try:
         with disk_errors(one.run.folder), _held(state, path) as (parent, name):
@@ -84,7 +85,8 @@ def remove_run(state: Path, one: UnwantedRun) -> UnwantedRun:
 
 @contextmanager
 def _held(state: Path, path: str) -> Iterator[tuple[int, str]]:
-    """Descriptor of the folder that a run lies in, and its name there, while nobody fills it.
+    """Descriptor of the folder that holds a run, and the run's name there, while nobody fills the
+    run.
 
     Raises BusyError, RequestError, DiskError, OSError.
     """
@@ -111,7 +113,7 @@ def _held(state: Path, path: str) -> Iterator[tuple[int, str]]:
 
 
 def _size(state: Path, run: RunEntry) -> int:
-    """Bytes of all files of a run; what cannot be looked at is left out."""
+    """Bytes of all files of a run; 0 where they cannot be read."""
     try:
         with open_state_folder(state) as (top, owners):
             with open_run_folder(top, os.path.relpath(run.folder, state), owners) as folder:
@@ -121,8 +123,8 @@ def _size(state: Path, run: RunEntry) -> int:
 
 
 def _measured(folder: int, disk: int | None) -> int:
-    """Bytes of all files below an open folder. Raises DiskError where another disk than that is
-    mounted in it, or where it holds too much."""
+    """Bytes of all files below an open folder. Raises DiskError where another disk than `disk` is
+    mounted in it, or where it holds too many files."""
     size = files = 0
     for _, below, entries in walk_folder(folder):
         if disk is not None and os.fstat(below).st_dev != disk:

@@ -1,4 +1,4 @@
-"""What a run has to remember of itself so that it can be decoded again, and its manifest."""
+"""The record that a run keeps of itself so that it can be decoded again, and its manifest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pdcd.sensor.profile import SensorProfile
 from pdcd.words import NormaliseName
 
 SCHEMA_VERSION = 1
-"""Of the manifest; no other is read."""
+"""Schema of the manifest; no other is read."""
 
 RecordCount = Annotated[int, Meta(ge=0, le=2**62)]
 Nanoseconds = Annotated[int, Meta(ge=-(2**62), le=2**62)]
@@ -55,10 +55,10 @@ class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
     source: str
     verified: bool
     planned_s: RecordPositive | None = None
-    """How long the shutter was to be open; None where nobody planned it."""
+    """How long the shutter was meant to be open; None where that was not planned."""
     level: RecordPositive | None = None
-    """How often each code was shown over how often it was to be; None where codes differ. The shot
-    is divided by it, so that photos of several shots take the same share of each."""
+    """How often each code was shown over how often it was planned; None where codes differ. The
+    shot is divided by it, so that photos made of several shots weigh them as planned."""
 
     @property
     def open_s(self) -> float:
@@ -86,7 +86,7 @@ class DarkPhoto(msgspec.Struct, frozen=True, kw_only=True):
     f_number: RecordPositive
     exposure_s: RecordPositive
     phase_s: RecordPositive
-    """For how long it shows each of its two states."""
+    """How long it shows each of its two states."""
 
 
 class BorderPhoto(DarkPhoto, frozen=True, kw_only=True):
@@ -95,9 +95,9 @@ class BorderPhoto(DarkPhoto, frozen=True, kw_only=True):
     reach: tuple[NonNegative, NonNegative]
     """How far from borders pixels were open, in cells, along x and y."""
     inner: DarkPhoto
-    """The same with the pixels lit next to those beside borders: indirect light from near."""
+    """The same with the pixels lit next to those at borders: indirect light from nearby."""
     dark: DarkPhoto
-    """The same before a black projector: what the room adds."""
+    """The same with a black projector: what the room adds."""
 
 
 Six = tuple[float, float, float, float, float, float]
@@ -106,32 +106,32 @@ Six = tuple[float, float, float, float, float, float]
 
 class PanelLook(msgspec.Struct, frozen=True, kw_only=True):
     """Where photos of random blocks showed both panels (`pdcd.pictures.misplaced`), in projector
-    pixels of the field; None where they do not tell."""
+    pixels of the field; None where they do not show it."""
 
     mask: Six | None
-    """From where the mask is drawn to where it lies, as the projector's picture has it; what
-    `offset_px` of the mask says is taken off."""
+    """From where the mask is drawn to where it lies, in the projector's picture; `offset_px` of the
+    mask is subtracted."""
     camera: Six | None
-    """From where the camera is believed to look to where it does, as the projector's picture has
-    it."""
+    """From where the camera is believed to look to where it does, in the projector's picture."""
     rest_px: NonNegative
-    """Standard deviation of what places of the mask differ from that, beyond noise."""
+    """Standard deviation of the residuals of this map at places of the mask, beyond noise."""
     sigma_px: NonNegative = 0.0
-    """Standard deviation of where the mask was found, where that is least sure, by what patches of
-    the photos tell."""
+    """Standard deviation of the mask's measured place, where it is least certain, estimated from
+    patches of the photos."""
     blur_px: NonNegative = 0.0
-    """Standard deviation of the blur of light on its way to the mask; 0 where the photos cannot
-    tell it from `blur_px` of the mask."""
+    """Standard deviation of the blur of light on its way to the mask; 0 where the photos do not
+    distinguish it from `blur_px` of the mask."""
     border_px: NonNegative = 0.0
-    """Standard deviation of a blur beside the known one that would make the lines along borders of
-    cells which photos of codes have (`pdcd.pictures.border_lines`); 0 where there are none."""
+    """Standard deviation of a blur, in addition to the known one, that would explain the lines
+    along borders of cells in photos of codes (`pdcd.pictures.border_lines`); 0 where there are
+    none."""
     direct: Annotated[float, Meta(ge=0.0, le=1.0)]
-    """Share of direct light in the scene's light, roughly; 0 where the projector's blocks are not
-    seen."""
+    """Approximate share of direct light in the scene's light; 0 where the projector's blocks are
+    not seen."""
     mask_seen: bool
     """Whether the mask's blocks were seen at all."""
     why: str = ""
-    """Why nobody could look, in words; empty where photos were taken."""
+    """Why the panels could not be checked, in words; empty where photos were taken."""
 
     @property
     def upright(self) -> bool:
@@ -142,7 +142,7 @@ class PanelLook(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything beside the RAW files, codes and frame log that the answer depends on."""
+    """Everything that the answer depends on, in addition to the RAW files, codes and frame log."""
 
     goal: Goal
     how: CaptureScheme
@@ -151,11 +151,11 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     normalise: NormaliseName
     grid: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
     cells: CellMap | None = None
-    """Where the camera's quads see which cell; None where no photo was taken yet."""
+    """Which cell each of the camera's quads sees; None where no photo was taken yet."""
     camera_place: Placing
     """Where the camera's frame lies on the field, for `cells`."""
     blur_quads: NonNegative = 0.0
-    """Of the camera, for `cells`."""
+    """Blur of the camera, for `cells`."""
     projector: PanelConfig
     mask: PanelConfig
     responsivity_e: Annotated[tuple[RecordPositive, ...], Meta(min_length=1, max_length=3)]
@@ -163,30 +163,30 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     profile: SensorProfile
     shots: tuple[ShotRecord, ...]
     stops: tuple[Stop, ...] = ()
-    """Stops of its photos: the run's own one, and those whose light was compared with that on the
-    scene; sigma is of that. Of none the engraved number stands for 2^(k/6)."""
+    """Stops of its photos: the run's own one, and those whose light was compared with it on the
+    scene; sigma is that of the comparison. Without any, the engraved number stands for 2^(k/6)."""
     scale: AbsoluteScale | None = None
-    """What the scale of its pictures goes by."""
+    """Basis of the absolute scale of its pictures."""
     white_patch: FieldPlace | None = None
-    """Of the previews; see `CaptureRequest`."""
+    """For the previews; see `CaptureRequest`."""
     dark: DarkPhoto | None = None
-    """The photo whose ambient light is taken off the photos of a pilot, which have no black
+    """The photo whose ambient light is subtracted from the photos of a pilot, which have no black
     exposures. None on a dark bench."""
     room: DarkPhoto | None = None
-    """A photo before all shots whose ambient light, and what a black projector lets out, are taken
-    off all photos that have no black exposures; None where nobody took one."""
+    """A photo before all shots. Its ambient light, and what a black projector leaks, are subtracted
+    from all photos without black exposures; None where it was not taken."""
     panels: PanelLook | None = None
-    """Where the panels were seen to lie; None where nobody looked."""
+    """Where the panels were seen to lie; None where they were not checked."""
     borders: BorderPhoto | None = None
-    """The photo that tells direct light along the borders of whole cells; None where there is none
-    of it, or nobody could take one."""
+    """The photo that measures direct light along the borders of whole cells; None where there is no
+    such light, or the photo could not be taken."""
     leak: NonNegative = 0.0
     """RMS error of the answer, relative to its RMS, by ambient light and leaks that a dark photo
-    showed and that were not taken off."""
+    showed and that were not subtracted."""
     room_changed: NonNegative = 0.0
-    """The same by what the room's light changed between dark photos before and after the shots."""
+    """The same by the change of the room's light between dark photos before and after the shots."""
     grey_unknown: tuple[str, ...] = ()
-    """Panels that showed grey levels of which nobody said what light they give."""
+    """Panels that showed grey levels whose light is not known."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):
@@ -209,15 +209,15 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str]
     git_commit: str | None
     exif: dict[str, dict[str, Any]]
-    """What each shot's RAW file says of itself."""
+    """What each shot's RAW file says."""
     drivers: dict[str, Any]
     config: dict[str, Any]
     meter: tuple[MeterRecord, ...]
     """Test exposures that set the aperture, and dark photos that looked for leaks."""
     files: dict[str, FileRecord]
-    """Every other file of the folder, but the manifest's digest."""
+    """Every other file of the folder, except the manifest's digest."""
     missing: tuple[str, ...] = ()
-    """Shots that were planned and are not there, of a run whose `state` is "partial"."""
+    """Shots that were planned and are not there, in a run whose `state` is "partial"."""
     not_kept: dict[str, FileRecord] | msgspec.UnsetType = msgspec.UNSET
     """RAW files that were not to be kept (`camera.keep`); unset where all were."""
 
@@ -227,7 +227,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
         return {} if self.not_kept is msgspec.UNSET else self.not_kept
 
     def require_photos(self) -> None:
-        """Called by whoever is to read RAW files. Raises DecodeError where they were not kept."""
+        """To be called before RAW files are read. Raises DecodeError where they were not kept."""
         if self.unkept:
             raise DecodeError(
                 f"{len(self.unkept)} RAW files of this run were not kept",

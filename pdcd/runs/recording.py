@@ -1,4 +1,4 @@
-"""Who wants a stream, and wishes for run folders of what it sees right now."""
+"""The listener of a stream, and its orders for run folders of the newest photos."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from pdcd.runs.place import HeldFolder
 
 @dataclass(frozen=True)
 class RecordOrder:
-    """Make a run of the newest set of photos. place : where its folder is made; None: where the
-    configuration says. done : takes how that ended, in the thread of the engine."""
+    """An order to make a run of the newest set of photos. place : where its folder is made; None:
+    where the configuration says. done : takes the result, in the engine's thread."""
 
     job: str
     place: HeldFolder | None
@@ -22,9 +22,9 @@ class RecordOrder:
 
 @dataclass(frozen=True)
 class StreamListener:
-    """Who wants a stream. tell : takes each picture, in a thread of its own. cancelled : whether
-    it is to end, asked in any thread. draws : whether pictures are to be drawn for eyes, too.
-    next_record : the next wish for a run folder, None where there is none."""
+    """The listener of a stream. tell : takes each picture, in a thread of its own. cancelled :
+    whether the stream is to end, called in any thread. draws : whether pictures are also drawn for
+    viewing. next_record : the next order for a run folder, None where there is none."""
 
     tell: Callable[[StreamedPicture], object]
     cancelled: Callable[[], bool]

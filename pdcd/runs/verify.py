@@ -1,8 +1,8 @@
-"""Is a run folder whole and unchanged? Every byte of it is held against what the manifest says.
+"""Is a run folder complete and unchanged? Every byte of it is compared with the manifest.
 
-The manifest itself is held against the digest beside it (`pdcd.runs.manifest`), its entries against
-their types and against each other, and the folder against its list of files. What lies in the
-folder is never trusted: see `pdcd.files.inside`.
+The manifest itself is compared with the digest beside it (`pdcd.runs.manifest`), its entries with
+their types and with each other, and the folder with its list of files. The contents of the folder
+are never trusted: see `pdcd.files.inside`.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from pdcd.runs.record import FileRecord, Manifest
 PROBE = "probe.npz"
 """The answer over the cells, with its error."""
 _NEEDED = (CODES, FRAMES, PROBE, LOG)
-"""Files that every run has, beside the RAW files of its shots."""
+"""Files that every run has, in addition to the RAW files of its shots."""
 MAX_FINDINGS, MAX_WORDS = 1000, 300
-"""Most findings that are told of one folder, and most letters of each."""
+"""Most findings for one folder, and most characters of each."""
 _MOST_LOOKED = 10_000
-"""Names of a folder among which a run is looked for."""
+"""Most names in a folder that are searched for a run."""
 MAX_CELLS = 2**24
 """Most code cells of a run: more than any panel has pixels."""
 
@@ -60,9 +60,9 @@ _Alive = Callable[[], object]
 class FolderFinding(msgspec.Struct, frozen=True):
     """Something that is not as it was: which file of the folder, what is wrong, and how.
 
-    missing: listed, but not there. changed: another content, or no regular file. unknown: there,
-    but not listed. manifest: what capture.json says is wrong. unreadable: the disk or the rights do
-    not let it be read. partial: planned shots are not in the run, which is else as it was.
+    missing: listed, but not there. changed: other contents, or no regular file. unknown: there, but
+    not listed. manifest: capture.json is inconsistent. unreadable: the disk or the permissions do
+    not allow reading it. partial: planned shots are not in the run, which is otherwise unchanged.
     """
 
     path: str
@@ -78,24 +78,23 @@ class VerifyReport(msgspec.Struct, frozen=True, kw_only=True):
     job: str | None
     schema: int | None
     manifest_sha256: str | None
-    """Of capture.json as it lies there; None where it cannot be read."""
+    """SHA-256 of capture.json as it is; None where it cannot be read."""
     files: int
     """Files that are as the manifest says."""
     size_bytes: int
-    """Of those, together."""
+    """Bytes of these files together."""
     findings: tuple[FolderFinding, ...]
     not_kept: tuple[str, ...] = ()
-    """RAW files that the run did not keep: they are not there, and nothing is held against their
-    digests."""
+    """RAW files that the run did not keep: they are not there, so their digests are not checked."""
     later: tuple[str, ...] = ()
-    """Files that were made after the run had ended, to look at (`pdcd.runs.folder`). Nothing
-    vouches for them, and nothing rests on them."""
+    """Files that were made after the run had ended, to be looked at (`pdcd.runs.folder`). Nothing
+    vouches for them, and nothing depends on them."""
 
 
 def verify_run(folder: Path, *, manifest_sha256: str | None = None) -> VerifyReport:
-    """Look at all of a run folder. Raises nothing for what is wrong with it.
+    """Check all of a run folder. Faults are in the report, never raised.
 
-    `manifest_sha256` is what the manifest is to have, where that is known from elsewhere.
+    `manifest_sha256` is the expected digest of the manifest, where that is known from elsewhere.
     """
     check = FolderCheck()
     check.look(folder, manifest_sha256, None)
@@ -117,10 +116,10 @@ def verify_run(folder: Path, *, manifest_sha256: str | None = None) -> VerifyRep
 def read_whole_manifest(
     folder: Path, names: Collection[str] | None = None, alive: _Alive = lambda: None
 ) -> Manifest:
-    """The manifest of a run of which nothing has changed, or none of the files of those names.
+    """The manifest of a run of which nothing has changed; with `names`, none of these files.
 
     `alive` is called now and then, and may raise to end the work. Raises DecodeError, which says
-    what has.
+    what has changed.
     """
     return _manifest(folder, names, alive, ())
 
@@ -128,7 +127,7 @@ def read_whole_manifest(
 def read_sound_manifest(
     folder: Path, names: Collection[str], alive: _Alive = lambda: None
 ) -> Manifest:
-    """The same, also of a run of which shots are missing, which is else as it was."""
+    """The same, also for a run with missing shots that is otherwise unchanged."""
     return _manifest(folder, names, alive, ("partial",))
 
 
@@ -154,7 +153,8 @@ def _manifest(
 
 
 def _make_absent_error(folder: Path, why: FolderFinding) -> DecodeError:
-    """The error of a folder whose manifest cannot be read, or of what is none."""
+    """The error for a folder whose manifest cannot be read, or for something that is not a
+    folder."""
     called, hint = to_one_line(str(folder)), "see pdcd runs for those there are"
     if os.path.isfile(folder):  # noqa: PTH113 - pathlib raises for names that are too long
         hint = "name the folder that it lies in"
@@ -170,7 +170,7 @@ def _make_absent_error(folder: Path, why: FolderFinding) -> DecodeError:
 
 
 def find_inner_run(folder: Path) -> str | None:
-    """Name of the last run, by name, that lies in a folder; None where none does."""
+    """Name of the last run, by name, in a folder; None where there is none."""
     try:
         with os.scandir(folder) as listed:
             names = sorted((e.name for e in itertools.islice(listed, _MOST_LOOKED)), reverse=True)
@@ -180,15 +180,15 @@ def find_inner_run(folder: Path) -> str | None:
 
 
 class FolderCheck:
-    """One walk through one folder."""
+    """One check of one folder."""
 
     own = (MANIFEST, MANIFEST_DIGEST)
-    """What lists and vouches for all other files."""
+    """The files that list all others and vouch for them."""
     most_bytes = MAX_MANIFEST_BYTES
     folders = frozenset({"raw", "linear", "preview"})
-    """Folders that need hold no file."""
+    """Folders that may be empty."""
     none = "this is no finished run"
-    """What is said where nothing lists the files."""
+    """The finding where nothing lists the files."""
 
     def __init__(self, alive: _Alive = lambda: None) -> None:
         self._alive = alive
@@ -210,7 +210,7 @@ class FolderCheck:
             )
 
     def look(self, folder: Path, expected: str | None, names: Collection[str] | None) -> None:
-        """Look at the manifest and at the files of those names, or at all that is there."""
+        """Check the manifest and the files of these names, or everything that is there."""
         try:
             if folder.resolve().name.endswith(".partial"):
                 self.find(".", "manifest", "its name says that the run was not finished")
@@ -221,7 +221,7 @@ class FolderCheck:
             self.find(".", "unreadable", _words(err))
 
     def manifest(self, folder: int, expected_sha256: str | None) -> None:
-        """Read the manifest, hold it against its digest and against itself."""
+        """Read the manifest, compare it with its digest and check its consistency."""
         name = self.own[0]
         try:
             data = read_inner_file(folder, name, self.most_bytes)
@@ -239,7 +239,7 @@ class FolderCheck:
         self.understand(data, vouched=self._digest(folder, data))
 
     def understand(self, data: bytes, *, vouched: bool) -> None:
-        """Hold the manifest against itself; `vouched` is whether there is a digest of it."""
+        """Check the manifest's consistency; `vouched` is whether there is a digest of it."""
         try:
             self.read = parse_manifest(data)
         except DecodeError as err:
@@ -255,7 +255,7 @@ class FolderCheck:
             self.find(MANIFEST, "manifest", what)
 
     def _digest(self, folder: int, data: bytes) -> bool:
-        """Whether there is a digest; notes where it is another."""
+        """Whether there is a digest; a wrong one is noted."""
         name, digest = self.own
         wanted = format_digest_line(data, name)
         try:
@@ -268,16 +268,16 @@ class FolderCheck:
         return True
 
     def may_come_later(self, name: str) -> bool:
-        """Whether a file may lie there without being listed."""
+        """Whether a file may be there without being listed."""
         return is_made_later(name)
 
     @property
     def listed(self) -> Mapping[str, FileRecord] | None:
-        """All files that there are to be; None where nothing says so."""
+        """All files that should be there; None where nothing lists them."""
         return None if self.read is None else {**self.read.unkept, **self.read.files}
 
     def files(self, folder: int, names: Collection[str] | None = None) -> None:
-        """Hold the folder against the files that the manifest lists; of names given, only those."""
+        """Compare the folder with the files that the manifest lists; with `names`, only these."""
         listed = self.listed
         if listed is None:
             return
@@ -290,7 +290,7 @@ class FolderCheck:
                 self._file(folder, name, listed[name])
 
     def _compare(self, listed: Collection[str], there: dict[str, str]) -> None:
-        """Name what is there and not listed."""
+        """Note what is there but not listed."""
         folders = set(self.folders)
         for name in listed:
             folders.update(name[:at] for at, letter in enumerate(name) if letter == "/")
@@ -314,7 +314,7 @@ class FolderCheck:
             self.find(name, _what(err), _words(err))
 
     def _content(self, descriptor: int, name: str, wanted: FileRecord) -> None:
-        # Before the file is read: a wrong one may be of any length.
+        # The size is checked before the file is read: a wrong file may be of any length.
         size = os.fstat(descriptor).st_size
         if size != wanted.size_bytes:
             self.find(name, "changed", f"it has {size} bytes, not {wanted.size_bytes}")
@@ -327,7 +327,7 @@ class FolderCheck:
 
 
 def _contradictions(manifest: Manifest) -> Iterator[str]:
-    """What the manifest says that cannot be true, in words."""
+    """Contradictions in the manifest, in words."""
     run, files = manifest.run, {**manifest.unkept, **manifest.files}
     for name in manifest.unkept:
         if name in manifest.files or not name.startswith("raw/"):
@@ -376,7 +376,7 @@ def _contradictions(manifest: Manifest) -> Iterator[str]:
 
 
 def _what(err: Exception) -> _What:
-    # A link or a file where a folder is to be is refused by the system itself.
+    # The system itself refuses a link or a file where a folder is expected.
     changed = isinstance(err, DecodeError) or getattr(err, "errno", 0) in (ELOOP, ENOTDIR)
     return "changed" if changed else "unreadable"
 

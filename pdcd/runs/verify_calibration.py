@@ -1,4 +1,5 @@
-"""Is a calibration folder whole and unchanged? As `pdcd.runs.verify` looks at runs."""
+"""Is a calibration folder complete and unchanged? It is checked as `pdcd.runs.verify` checks
+runs."""
 
 from __future__ import annotations
 
@@ -16,9 +17,9 @@ from pdcd.runs.verify import FolderCheck, VerifyReport
 
 
 def verify_calibration(folder: Path, *, manifest_sha256: str | None = None) -> VerifyReport:
-    """Look at all of a calibration folder. Raises nothing for what is wrong with it.
+    """Check all of a calibration folder. Faults are in the report, never raised.
 
-    `manifest_sha256` is what its record is to have, where that is known from elsewhere.
+    `manifest_sha256` is the expected digest of its record, where that is known from elsewhere.
     """
     check = _CalibrationCheck()
     check.look(folder, manifest_sha256, None)
@@ -36,7 +37,7 @@ def verify_calibration(folder: Path, *, manifest_sha256: str | None = None) -> V
 
 
 class _CalibrationCheck(FolderCheck):
-    """One walk through one calibration folder."""
+    """One check of one calibration folder."""
 
     own = (RECORD, CALIBRATION_DIGEST)
     most_bytes = MAX_RECORD_BYTES
@@ -69,7 +70,7 @@ class _CalibrationCheck(FolderCheck):
 
 
 def _contradictions(record: Calibration) -> Iterator[str]:
-    """What the record says that cannot be true, in words."""
+    """Contradictions in the record, in words."""
     for name in record.files:
         fault = (
             "it vouches for itself"

@@ -1,7 +1,7 @@
-"""Which run folders lie below a state folder, by their names alone.
+"""The run folders below a state folder, found by their names alone.
 
-No link is followed, nothing is opened but folders, and the search ends somewhere. A folder that
-somebody else put there is noted as such, and never looked into.
+No link is followed, only folders are opened, and the search is bounded. A folder that somebody else
+put there is noted as such, and never read.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from pdcd.files.inside import WAY
 from pdcd.files.system import system
 
 DEPTH = 3
-"""Folders below the one given in which runs are looked for: `captures`, and what `out` named."""
+"""Depth of folders below the given one that is searched for runs: `captures`, and what `out`
+named."""
 MOST_ENTRIES = 200_000
-"""Names looked at before the search ends."""
+"""Most names that are read in a search."""
 _PREVIEWS = "preview"
-"""Folder of the quick looks, of which the daemon itself keeps the last few."""
+"""Folder of the previews, of which the daemon itself keeps the last few."""
 REMOVED = ".removed"
-"""How the name of a run ends while it is being removed."""
+"""Suffix of the name of a run while it is being removed."""
 
 _RUN = re.compile(
     r"(\d{8}T\d{6}Z-[0-9a-f]{4})"
@@ -41,34 +42,35 @@ class RunSpot(NamedTuple):
     path: str
     """Relative to the state folder, with / between its parts."""
     ending: str = ""
-    """What its name has behind the job: "" of a finished run, ".partial" while it is filled ..."""
+    """The part of its name after the job: "" for a finished run, ".partial" while it is being
+    filled ..."""
     foreign: bool = False
-    """Whether it belongs to somebody who has no business here."""
+    """Whether it belongs to a user who may not have runs here."""
 
     @property
     def preview(self) -> bool:
-        """Whether it is a quick look."""
+        """Whether it is a preview."""
         return self.path.startswith(f"{_PREVIEWS}/")
 
 
 class Walk(NamedTuple):
-    """What was found: the runs, newest first, and the folders that could not be looked at."""
+    """What was found: the runs, newest first, and the folders that could not be read."""
 
     spots: list[RunSpot]
     closed: tuple[str, ...]
     cut: bool
-    """Whether there are more names than are looked at."""
+    """Whether there are more names than were read."""
 
 
 def parse_spot(path: str) -> RunSpot | None:
-    """The place of a run by its path relative to the state folder; None where no run is called
-    so."""
+    """The place of a run by its path relative to the state folder; None where that is not a run's
+    name."""
     found = _RUN.fullmatch(path.rpartition("/")[2])
     return None if found is None else RunSpot(found[1], path, found[2])
 
 
 def require_spot(path: str) -> RunSpot:
-    """The same of a place in a list of runs. Raises RequestError when it is none."""
+    """The same for a place in a list of runs. Raises RequestError where it is none."""
     spot = parse_spot(path)
     if spot is None:
         raise RequestError(
@@ -84,7 +86,7 @@ def is_job(text: str) -> bool:
 
 
 def walk_runs(state: Path, depth: int = DEPTH) -> Walk:
-    """All run folders below a state folder, so many folders deep; none where it is missing.
+    """All run folders below a state folder, down to this depth; none where the folder is missing.
 
     Raises DiskError when the folder itself cannot be read.
     """
@@ -102,7 +104,7 @@ def walk_runs(state: Path, depth: int = DEPTH) -> Walk:
 
 
 def _walked(top: int, owners: frozenset[int], depth: int) -> Walk:
-    """The same below an open folder; raises OSError when that cannot be listed."""
+    """The same below an open folder. Raises OSError when that cannot be listed."""
     spots: list[RunSpot] = []
     closed: list[str] = []
     left, waiting = MOST_ENTRIES, [""]
@@ -137,10 +139,10 @@ def _walked(top: int, owners: frozenset[int], depth: int) -> Walk:
 
 @contextmanager
 def open_state_folder(state: Path) -> Iterator[tuple[int, frozenset[int]]]:
-    """Descriptor of a state folder, and who may have runs in it. Raises OSError."""
+    """Descriptor of a state folder, and the users who may have runs in it. Raises OSError."""
     top = system.open(state, system.O_RDONLY | system.O_DIRECTORY | system.O_CLOEXEC)
     try:
-        # Whose folder it is makes the runs; root may have put them back from a copy.
+        # The owner of the folder makes the runs; root may have restored them from a copy.
         yield top, frozenset({0, system.geteuid(), system.fstat(top).st_uid})
     finally:
         system.close(top)
@@ -150,7 +152,7 @@ def open_state_folder(state: Path) -> Iterator[tuple[int, frozenset[int]]]:
 def open_run_folder(top: int, path: str, owners: frozenset[int]) -> Iterator[int]:
     """Descriptor of a run folder by its path below the state folder. Raises OSError.
 
-    Its owner is looked at again: a name may have come to mean something else.
+    Its owner is checked again: the name may have come to mean something else.
     """
     with _opened(top, path) as folder:
         if system.fstat(folder).st_uid not in owners:
@@ -160,7 +162,7 @@ def open_run_folder(top: int, path: str, owners: frozenset[int]) -> Iterator[int
 
 @contextmanager
 def _opened(top: int, path: str) -> Iterator[int]:
-    """Descriptor of a folder below another, through no link."""
+    """Descriptor of a folder below another, without following links."""
     with ExitStack() as held:
         at, parts = top, path.split("/") if path else []
         for number, part in enumerate(parts):
@@ -175,7 +177,7 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
 
 
 def _is_text(path: str) -> bool:
-    """Whether a path can be told in a message: names of any bytes are allowed on a disk."""
+    """Whether a path can be sent in a message: names on a disk may have any bytes."""
     try:
         path.encode()
     except UnicodeEncodeError:
