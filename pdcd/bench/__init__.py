@@ -1,3 +1,3 @@
-"""One bench as written down: the configuration file, what a driver must offer and which drivers
-there are, the clock, what a doctor finds. It moves no device and knows no light.
-"""
+"""The description of one bench: its configuration file, the interfaces of drivers and the table of
+those there are, the clock, and the findings of a doctor. Nothing here moves a device or computes
+with light."""

@@ -11,10 +11,10 @@
     <name>/frames.csv                what both panels showed in each of them, and when
     <name>/preview/                  a picture for each step, to look at
 
-A calibration is whole: values that its steps did not measure are those of the calibration before
-it, each with the name of the folder in which its photos lie. One that is under way is kept step by
-step: `<name>.partial/kept-NN/` has the record, maps and arrays as step NN ended, and is complete
-from the moment on that it has its name.
+A calibration is complete: values that its own steps did not measure are taken over from the
+calibration before it, each with the name of the folder that has its photos. A calibration under way
+is kept step by step: `<name>.partial/kept-NN/` has the record, maps and arrays as of the end of
+step NN. Such a folder is complete as soon as it has that name.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from pdcd.words import MarksName, StepName, SubjectName, VerdictName
 RECORD, CALIBRATION_DIGEST = "calibration.json", "calibration.json.sha256"
 MAPS, CALIBRATION_ARRAYS, PROFILE = "maps.npz", "arrays.npz", "sensor.toml"
 STEP_FOLDER_PREFIX = "kept-"
-"""How folders begin that hold what was found so far."""
+"""Prefix of folders that hold what was found so far."""
 SCHEMA = 1
-"""Of `calibration.json`."""
+"""Schema number of `calibration.json`."""
 MAX_RECORD_BYTES = 2**24
 
 _Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
@@ -94,9 +94,9 @@ class PhotoRecord(msgspec.Struct, frozen=True, kw_only=True):
     source: str
     verified: bool
     planned_s: float | None = None
-    """How long the shutter was to be open; None where nobody planned it."""
+    """How long the shutter was planned to be open; None where nothing was planned."""
     level: Annotated[float, Meta(gt=0.0)] = 1.0
-    """Light over what was planned, where refreshes came late and the photo was kept."""
+    """Light divided by what was planned, where refreshes came late and the photo was kept."""
 
 
 class StepRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -105,7 +105,7 @@ class StepRecord(msgspec.Struct, frozen=True, kw_only=True):
     name: _Name
     made_utc: str
     seconds: float
-    """Computing time, exposures left out."""
+    """Computing time, without exposures."""
     verdict: VerdictName
     figures: tuple[FigureRecord, ...]
     advice: tuple[str, ...]
@@ -146,7 +146,7 @@ class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, info: CameraInfo) -> CameraRecord:
-        """What is kept of it."""
+        """The part of it that is kept."""
         return cls(
             model=info.model,
             serial=info.serial,
@@ -160,7 +160,7 @@ class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def info(self) -> CameraInfo:
-        """The same for a script."""
+        """The same as scripts get it."""
         return CameraInfo(
             model=self.model,
             serial=self.serial,
@@ -200,35 +200,36 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     verdict: VerdictName
     identity: BenchIdentity
     belief: dict[str, dict[str, Any]]
-    """The configuration when it began, for computing it again."""
+    """The configuration when the calibration began, so that it can be computed again."""
     camera: CameraRecord
     profile: dict[str, Any]
-    """The sensor's profile when it began."""
+    """The sensor's profile when the calibration began."""
     measured: dict[str, MeasuredValue]
     """By key of the configuration: "mask.skew_s"."""
     config: dict[str, Any] = {}
-    """The values alone, in tables as a configuration file has them."""
+    """The values alone, in the tables of a configuration file."""
     steps: tuple[StepRecord, ...]
     before: str | None
     """Digest of the calibration that was in use when it began, where there was one."""
     subject: SubjectName = "card"
     marks: MarksName = "auto"
-    """On what it was made, and what was asked of the geometry."""
+    """What it was made on, and which marks were asked for."""
     files: dict[str, CalibrationFile]
-    """Every other file of the folder, but the digest."""
+    """Every other file of the folder, except the digest."""
     state: Literal["running", "done", "failed", "cancelled"] | None = None
-    """"running": as it was when its last step ended. None: of a version that kept no steps; all of
-    it is as good as its verdict."""
+    """"running": the state at the end of its last step. None: written by a version that kept no
+    steps; `verdict` then holds for all of it."""
     stopped: CalibrationStop | None = None
     left_out: dict[str, str] = {}
     """Steps whose values are not among those measured, and why not."""
     asked: tuple[StepName, ...] = ()
-    """Steps that were asked for by name; none: all that a bench needs."""
+    """Steps that were asked for by name; empty: all that a bench needs."""
     taken_over: dict[str, str] = {}
-    """Steps that were found by the calibration before, which had stopped, and when."""
+    """Steps that were taken over from the calibration before, which had stopped, and when they were
+    measured."""
     bench: dict[str, dict[str, Any]] = {}
-    """Of a mock bench the tables that make it, as they were typed; of another one the calibration
-    is never the latest."""
+    """For a mock bench, the tables that make it, as they were typed. On another mock bench,
+    "latest" never means this calibration."""
 
     @property
     def found(self) -> dict[str, str]:
@@ -237,7 +238,7 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def usable(self) -> bool:
-        """Whether any of it may be used: what is bad of it is left out, if it is not all bad."""
+        """Whether any of it may be used. Bad values are left out, unless all of them are bad."""
         return self.verdict != "bad" or (self.state is not None and bool(self._own))
 
     @property
@@ -247,7 +248,7 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def to_config_tables(measured: Mapping[str, MeasuredValue]) -> dict[str, Any]:
-    """What was measured as tables of a configuration file."""
+    """Measured values as tables of a configuration file."""
     found: dict[str, Any] = {}
     for key, entry in sorted(measured.items()):
         *tables, name = key.split(".")
@@ -264,15 +265,15 @@ def encode_calibration(record: Calibration) -> bytes:
 
 
 def format_digest_line(data: bytes, name: str = RECORD) -> bytes:
-    """What vouches for a file of these bytes and that name: its line of `sha256sum`."""
+    """The line of `sha256sum` for a file with these bytes and that name."""
     return f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode()
 
 
 def read_calibration(folder: Path) -> tuple[Calibration, str]:
     """The record of a calibration folder, and its digest.
 
-    Raises ConfigError for a folder that holds none, a damaged one, or one of another schema.
-    Whether the other files are as they were is for whoever reads them, and `pdcd verify`, to say.
+    Raises ConfigError for a folder that holds none, a damaged one, or one of another schema. The
+    other files are not checked here: whoever reads them, and `pdcd verify`, does that.
     """
     try:
         data, said = (
@@ -297,7 +298,7 @@ def read_calibration(folder: Path) -> tuple[Calibration, str]:
 
 
 def make_changed_error(folder: Path, why: str) -> ConfigError:
-    """The error of a calibration of which a file is not as the calibration wrote it."""
+    """The error for a calibration with a file that is not as the calibration wrote it."""
     return ConfigError(
         f"the calibration in {folder} is not as it was written: {why}",
         hint="restore it from a copy, or calibrate again",

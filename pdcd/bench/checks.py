@@ -1,4 +1,5 @@
-"""What the types of a configuration alone do not exclude: faults of values, and between keys."""
+"""Faults that the types of a configuration do not exclude: wrong values, and conflicts between
+keys."""
 
 from __future__ import annotations
 
@@ -27,27 +28,29 @@ from pdcd.panels.placing import project_points
 from pdcd.panels.windows import find_window_kind
 
 _PLANE_TIMES = (0.6, 1.4)
-"""Times of bit planes over their mean: where rows are counted by the time they last, one must not
-pass for none or two."""
+"""Smallest and largest time of a bit plane, relative to the mean. Where rows are counted by their
+duration, one row must not look like none or two."""
 
 RATE_TOLERANCE = 5e-4
-"""Largest relative difference of the two refresh rates: at 60 Hz they then slip by one whole
+"""Largest relative difference of the two refresh rates. At 60 Hz the panels then slip by one whole
 refresh in half a minute at the fastest, which the black frames around every code still hide."""
 
 
 _LONGEST_S = 60.0
-"""Longest lag or response of a device: what is more was meant in another unit."""
+"""Longest lag or response of a device; a larger number was probably meant in another unit."""
 _LONGEST_WAIT_S = 3600.0
 """Longest time that a photo may take to arrive."""
 _SLOWEST_S = 1.0
-"""A panel that takes so long to answer shows no code: dozens of refreshes pass meanwhile."""
+"""Longest response time of a panel. A slower one shows no code: dozens of refreshes pass
+meanwhile."""
 _RATES_HZ = 1e-3, 1e6
 _APERTURES = 1e-2, 1e4
-"""Between these lie all refresh rates and all f-numbers; beyond, arithmetic fails."""
+"""All refresh rates and all f-numbers lie between these; beyond, arithmetic fails."""
 
 
 def check_config(config: Config) -> list[str]:
-    """Every fault that the types alone do not exclude; empty when the configuration is sound."""
+    """The messages of all faults that the types do not exclude; empty when the configuration is
+    sound."""
     return [fault.message for fault in find_cross_faults(config)]
 
 
@@ -103,7 +106,7 @@ def find_cross_faults(config: Config) -> Iterator[ConfigFault]:
 
 
 def _truth_faults(config: Config) -> Iterator[ConfigFault]:
-    """Yield what is wrong with the file that says what the mock bench really is."""
+    """Yield the faults of the file that says what the mock bench really is."""
     if config.bench.truth is None:
         return
     try:
@@ -116,7 +119,7 @@ def _truth_faults(config: Config) -> Iterator[ConfigFault]:
 
 
 def _plane_faults(display: DisplayConfig) -> Iterator[ConfigFault]:
-    """Yield what is wrong with measured times of bit planes."""
+    """Yield the faults of measured times of bit planes."""
     keys = ("display.plane_starts", "display.planes_per_refresh")
     starts, count = display.plane_starts, display.planes_per_refresh
     if not starts:
@@ -148,7 +151,7 @@ def _access_faults(server: ServerConfig) -> Iterator[ConfigFault]:
 
 
 def find_rate_fault(config: Config) -> ConfigFault | None:
-    """What to say of two refresh rates that cannot keep step; None when they can."""
+    """The fault of two refresh rates that differ too much for lockstep; None where they do not."""
     projector_hz, mask_hz = config.projector.refresh_hz, config.mask.refresh_hz
     if abs(projector_hz - mask_hz) <= RATE_TOLERANCE * projector_hz:
         return None
@@ -218,7 +221,7 @@ def _panel_faults(config: Config) -> Iterator[ConfigFault]:
 
 
 def _field_faults(config: Config) -> Iterator[ConfigFault]:
-    """Yield what is wrong with the part of the projector's picture that is the field."""
+    """Yield the faults of the part of the projector's picture that is the field."""
     if config.mask.field_px is not None:
         yield ConfigFault(
             ("mask.field_px",),
@@ -243,7 +246,7 @@ def _place_faults(config: Config) -> Iterator[ConfigFault]:
         for name, place in tables.items()
     }
     for name, why in find_place_faults(config):
-        if not wrong[name]:  # numbers that are none have been told of
+        if not wrong[name]:  # NaN and infinities have been reported already
             keys = (f"{name}.place", f"{name}.place.map", f"{name}.size_px", "projector.size_px")
             yield ConfigFault(keys, f"{name}.place: {why}")
 

@@ -1,7 +1,7 @@
-"""The calibrations of a bench, the newest first, and what speaks against each of them.
+"""The calibrations of a bench, the newest first, and the reason against each that cannot be used.
 
-"latest" passes over what does not fit the bench. `pdcd calibrate use` writes down one by its name,
-for each rig, and "latest" then is that one.
+"latest" skips calibrations that do not fit the bench. `pdcd calibrate use` stores the name of one
+for each rig, and "latest" then means that one.
 """
 
 from __future__ import annotations
@@ -35,22 +35,27 @@ from pdcd.printable import to_one_line
 CALIBRATIONS_FOLDER = "calibrations"
 """Below the state folder."""
 UNFINISHED_CALIBRATION = ".partial"
-"""How the name of a folder ends whose calibration did not come to its end."""
+"""Suffix of the folder of a calibration that did not come to its end."""
 PINNED = "in-use.json"
-"""In that folder: the calibration that each rig is to use, by its name."""
+"""File in that folder: for each rig the name of the calibration that it is to use."""
 _MAX_BYTES = 2**20
-"""Most bytes of that file, and of a mock bench's truth that is still read."""
+"""Most bytes that are read of that file, and of the truth of a mock bench."""
 BENCH_TABLES = ("projector", "mask", "camera", "display", "trigger")
 """Tables of a configuration that make a mock bench; scene and schedule may change."""
 _SAME_RATE = 1e-3
-"""Share by which a refresh rate may differ and be of the same mode."""
+"""Relative difference up to which two refresh rates may be those of the same mode."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One calibration that is kept. name : for people. folder : of its record. why : it cannot be
-    used by this bench; "" where it can. ours : whether it may be of this rig at all. running :
-    whether it is being made now."""
+    """One calibration that is kept.
+
+    name : as people call it.
+    folder : where its record lies.
+    why : the reason why this bench cannot use it; "" where it can.
+    ours : whether it may be of this rig at all.
+    running : whether it is being made now.
+    """
 
     name: str
     folder: Path
@@ -61,13 +66,13 @@ class Candidate:
 
 
 def list_candidates(config: Config) -> Iterator[Candidate]:
-    """All calibrations of the state folder, the newest first; those under way, too. Read one by
-    one: who has found what he wants need not look at the rest."""
+    """All calibrations of the state folder, the newest first, with those under way. They are read
+    one by one, so that a search can stop early."""
     yield from _candidates_in(find_state_dir(config) / CALIBRATIONS_FOLDER, config)
 
 
 def _candidates_in(folder: Path, config: Config) -> Iterator[Candidate]:
-    """The same of any folder."""
+    """The same for any folder."""
     try:
         # Hidden ones have no name yet, or are being removed.
         there = (p for p in folder.iterdir() if not p.name.startswith("."))
@@ -81,8 +86,8 @@ def _candidates_in(folder: Path, config: Config) -> Iterator[Candidate]:
 
 
 def read_candidate(at: Path, config: Config, *, named: bool = False) -> Candidate | None:
-    """One of them; None for what is none: a file, a folder without a record. named : as in
-    `describe_other_bench`."""
+    """One calibration; None for what is not one: a file, or a folder without a record. named : as
+    in `describe_other_bench`."""
     name, running = _name(at), False
     try:
         folder = at.resolve(strict=True) if at.is_symlink() else at
@@ -109,8 +114,10 @@ def read_candidate(at: Path, config: Config, *, named: bool = False) -> Candidat
 
 
 def find_newest_calibration(folder: Path, config: Config, *, bad: bool = False) -> Path | None:
-    """The newest calibration of this rig in a folder, of those that fit it and are not all bad or,
-    if said, of all that fit; None where there is none."""
+    """The newest calibration of this rig in a folder that fits the bench; None where there is none.
+
+    bad : whether it may be one whose values are all bad.
+    """
     for found in _candidates_in(folder, config):
         record = found.record
         if (
@@ -126,11 +133,13 @@ def find_newest_calibration(folder: Path, config: Config, *, bad: bool = False) 
 
 
 def describe_other_bench(record: Calibration, config: Config, *, named: bool = False) -> str:
-    """What of the configuration is of another bench than was calibrated, in words; "" for none.
+    """The first difference between the bench that was calibrated and this one, in words; "" for
+    none.
 
-    config : as it was typed. Where measured values stand in it (`calibration.sha256`), it fitted.
-    named : whether somebody asked for this calibration. Then a mock bench may have changed since,
-    as a real one that was bumped.
+    config : as it was typed. A configuration with measured values (`calibration.sha256`) has been
+        compared before.
+    named : whether somebody asked for this calibration. A mock bench may then have changed since,
+        like a real one that was bumped.
     """
     belief = record.belief
     for name in ("projector", "mask"):
@@ -148,7 +157,7 @@ def describe_other_bench(record: Calibration, config: Config, *, named: bool = F
 
 
 def _changed_mock(record: Calibration, config: Config) -> str:
-    """The same of a mock bench, which is whatever its configuration and its truth say."""
+    """The same for a mock bench, which is whatever its configuration and its truth say."""
     now = _flat(select_mock_tables(config))
     for key, then in _flat(record.bench).items():
         if key in now and now[key] != then:
@@ -159,7 +168,8 @@ def _changed_mock(record: Calibration, config: Config) -> str:
 
 
 def _other_frame(record: Calibration, config: Config) -> str:
-    """The same of the size of a mock camera's photos: its map would fit none of them."""
+    """The same for the size of a mock camera's photos: with another size its map fits none of
+    them."""
     seen = record.identity.frame_quads
     if seen is not None and config.scene.kind != "matrix":
         rows, cols = compute_mock_frame(config, config.code_grid())
@@ -191,8 +201,8 @@ def hash_truth_file(config: Config) -> str:
 def find_other_device(
     record: Calibration, camera: CameraInfo | None, display: DisplayInfo | None
 ) -> tuple[str, str] | None:
-    """The device that is another one than was calibrated, and what of it, in words; None where
-    none is, as far as the open devices tell."""
+    """The device that differs from the one that was calibrated, and the difference in words. None
+    where nothing differs, as far as the open devices show."""
     seen, name = record.identity, record.name
     if camera is not None:
         then, now = (seen.camera_model, seen.camera_serial), (camera.model, camera.serial)
@@ -211,7 +221,7 @@ def find_other_device(
             said = f"calibration {name} is of the {panel} {before!r}, and this is {there!r}"
             return panel, said
     if all(" Hz" in display.identity.get(panel, "") for panel in ("projector", "mask")):
-        return None  # the modes were compared; what is measured scatters where times are not exact
+        return None  # the modes were compared; measured rates scatter where times are not exact
     rate_hz = min(seen.projector_hz, seen.mask_hz)
     if abs(display.refresh_hz / rate_hz - 1.0) > _SAME_RATE:
         text = f"calibration {name} was made at {rate_hz:g} Hz, and the panels run at"
@@ -220,17 +230,17 @@ def find_other_device(
 
 
 def read_pinned_name(config: Config) -> str | None:
-    """The calibration that `pdcd calibrate use` wrote down for this rig: its name, or "none"; None
-    where it wrote none. Raises ConfigError for a file that is none of its own."""
+    """The calibration that `pdcd calibrate use` stored for this rig: its name, or "none"; None
+    where it stored none. Raises ConfigError for a file that it cannot have written."""
     return _pins(config).get(config.rig.name)
 
 
 def pin_calibration(config: Config, name: str | None) -> None:
-    """Write down which calibration this rig is to use; None: the latest again. Raises DiskError."""
+    """Store which calibration this rig is to use; None: the latest again. Raises DiskError."""
     try:
         pins = _pins(config)
     except ConfigError:
-        pins = {}  # whoever names one anew mends it
+        pins = {}  # naming a calibration replaces the damaged file
     pins.pop(config.rig.name, None)
     if name is not None:
         pins[config.rig.name] = name
@@ -243,7 +253,7 @@ def pin_calibration(config: Config, name: str | None) -> None:
 
 
 def find_calibration(config: Config, name: str) -> Path:
-    """Where the calibration of that name is kept. Raises ConfigError where there is none."""
+    """The folder of the calibration with that name. Raises ConfigError where there is none."""
     folder = find_state_dir(config) / CALIBRATIONS_FOLDER
     plain = name.removesuffix(UNFINISHED_CALIBRATION)
     if plain and "/" not in plain and not plain.startswith("."):
@@ -257,9 +267,10 @@ def find_calibration(config: Config, name: str) -> Path:
 
 
 def forget_calibration(config: Config, at: Path) -> None:
-    """Remove a calibration for good, or the link to it, and what was written down of its use.
+    """Remove a calibration for good, or the link to it, and the stored choice of it.
 
-    Raises BusyError where a daemon or a capture goes by it, or makes it; and DiskError."""
+    Raises BusyError where a daemon or a capture uses it, or where it is being made; and DiskError.
+    """
     name = _name(at)
     with disk_errors(str(at)):
         descriptor = lock_calibration(at, locks.LOCK_EX) if at.is_dir() else None
@@ -283,8 +294,8 @@ def forget_calibration(config: Config, at: Path) -> None:
 
 
 def lock_calibration(folder: Path, how: int = locks.LOCK_SH) -> int | None:
-    """A descriptor that keeps a calibration from being forgotten as long as it is open; None where
-    another one keeps this from being had. Raises OSError where there is no folder."""
+    """A descriptor that keeps a calibration from being removed as long as it is open; None where
+    another lock prevents this. Raises OSError where there is no folder."""
     descriptor = system.open(folder, system.O_RDONLY | system.O_DIRECTORY | system.O_CLOEXEC)
     try:
         locks.flock(descriptor, how | locks.LOCK_NB)
@@ -297,7 +308,7 @@ def lock_calibration(folder: Path, how: int = locks.LOCK_SH) -> int | None:
 
 
 def lock_calibration_in_use(folder: Path) -> int | None:
-    """The same for who goes by the record in a folder; None where it cannot be had."""
+    """The same for a process that uses the record in a folder; None where it cannot be locked."""
     try:
         return lock_calibration(
             folder.parent if folder.name.startswith(STEP_FOLDER_PREFIX) else folder
@@ -328,7 +339,8 @@ def _unread(name: str, at: Path, why: str) -> Candidate:
 
 
 def _last_kept(folder: Path) -> Path | None:
-    """What an unfinished calibration had found when its last step ended."""
+    """The folder of the last step that an unfinished calibration has ended; None where there is
+    none."""
     kept = (p for p in folder.iterdir() if p.name.startswith(STEP_FOLDER_PREFIX) and p.suffix == "")
     return max(kept, key=lambda p: p.name, default=None)
 

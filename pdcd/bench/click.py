@@ -1,7 +1,7 @@
-"""One click of the shutter by itself, step by step: does the line work, and how long does it take?
+"""A single click of the shutter, step by step: does the line work, and how long does it take?
 
-Where the same driver is the camera as well, the camera is armed first and its photo fetched
-afterwards: without that a body refuses to open, or keeps the photo for the next capture.
+Where the same driver is also the camera, the camera is armed first and its photo is fetched
+afterwards: without that some bodies refuse to open, or keep the photo for the next capture.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from pdcd.errors import PdcdError
 
 _DEVICE = "shutter"
 _NO_SETTINGS = CameraSettings(iso=0, f_number=None)
-"""Of a click without a camera, whose times alone count."""
+"""Settings for a click without a camera, where only the times matter."""
 
 
 @runtime_checkable
 class Looks(Protocol):
-    """A shutter that can say something of its device without opening it. A driver need not."""
+    """A shutter that can report on its device without opening it. Drivers need not offer this."""
 
     def look(self) -> Iterator[Finding]:
         """Yield findings; nothing moves. Raises PdcdError."""
@@ -46,10 +46,10 @@ class Looks(Protocol):
 def examine_shutter(config: Config, *, click: bool, seconds: float = 1.0) -> Iterator[Finding]:
     """Yield findings; nothing moves, and no port is opened, unless `click` is true.
 
-    seconds : how long the shutter is held open beyond the time by which it surely is.
+    seconds : how long the shutter is held open after the time by which it is surely open.
 
-    The shutter is closed when this ends, also by an exception or when the caller stops half-way.
-    Raises nothing of its own for what fails: that is the last finding.
+    The shutter is closed when this ends, also by an exception or when the caller stops half-way. A
+    failure is not raised: it is the last finding.
     """
     clock: Clock = VirtualClock() if config.rig.clock == "virtual" else RealClock()
     context = DriverContext(config=config, clock=clock)
@@ -106,7 +106,7 @@ def _click(
 
 
 def _settings(config: Config, camera: CameraInfo) -> CameraSettings:
-    """The configured ISO and aperture, or those that gather least light."""
+    """The configured ISO and aperture, or those that gather the least light."""
     f_number = config.camera.f_number
     if not camera.f_numbers:
         chosen = None

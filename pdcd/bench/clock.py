@@ -20,9 +20,9 @@ class RealClock:
 
 
 class VirtualClock:
-    """A clock that nobody waits for: sleeping moves it. For the mock bench only.
+    """A clock that nobody waits for: sleeping advances it. For the mock bench only.
 
-    It always starts at the same time, so that a run with the same seeds is the same to the bit.
+    It always starts at the same time, so that runs with the same seeds are identical to the bit.
     """
 
     def __init__(self) -> None:

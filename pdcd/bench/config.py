@@ -35,11 +35,11 @@ _DEVICES = ("projector", "mask", "camera")
 
 
 def load_config(path: Path | str | None = None) -> Config:
-    """Read the configuration file that `find_config_file` names, or the mock bench when there is
+    """Read the configuration file that `find_config_file` names; the mock bench where there is
     none.
 
-    Relative paths in the file are meant from its folder; for the scene, the sensor profile and
-    the truth of the mock bench the current folder is tried next.
+    Relative paths in the file start from its folder; for the scene, the sensor profile and the
+    truth of the mock bench the current folder is tried next.
 
     Raises ConfigError naming all faults of the file, one a line.
     """
@@ -55,7 +55,7 @@ def load_config(path: Path | str | None = None) -> Config:
 def read_config(source: Path) -> tuple[Config, list[ConfigFault]]:
     """Read one file: its configuration, and all its faults.
 
-    A key that is at fault stands at its default. Raises ConfigError for what is no TOML file.
+    A key with a fault has its default value. Raises ConfigError for what is no TOML file.
     """
     hint = "give an existing file with --config, or none for the mock bench"
     table = read_toml(source, "the configuration", hint, may_be_pipe=True)
@@ -63,11 +63,11 @@ def read_config(source: Path) -> tuple[Config, list[ConfigFault]]:
 
 
 def from_config_tables(table: dict[str, Any], called: str, base: Config | None = None) -> Config:
-    """A configuration out of the tables of a file that was never written, as `load_config` reads a
+    """A configuration from the tables of a file that was never written, as `load_config` reads a
     file.
 
-    Relative paths are meant from the current folder; `called` names the tables for people. A key
-    left out takes the value of `base`, None: of the mock bench. Raises ConfigError naming all
+    Relative paths start from the current folder; `called` names the tables for people. A key that
+    is left out takes the value of `base`; None: of the mock bench. Raises ConfigError naming all
     faults.
     """
     config, faults = _of_table(table, Path.cwd(), base)
@@ -86,7 +86,8 @@ def _of_table(
     config = _with_maps(config, faults)
     config = _with_luts(config, folder, faults)
     known = {key for fault in faults for key in fault.keys}
-    # A key that could not be read stands at its default; what follows from that is no news.
+    # A key that could not be read has its default value; faults that follow from that are not
+    # repeated.
     faults += [fault for fault in find_cross_faults(config) if known.isdisjoint(fault.keys)]
     return config, faults
 
@@ -152,7 +153,7 @@ def _resolve(config: Config, folder: Path) -> Config:
 
 
 def _with_maps(config: Config, faults: list[ConfigFault]) -> Config:
-    """The configuration with what its files of maps hold in the place of their names."""
+    """The configuration with the contents of its map files in place of their names."""
     for device in _DEVICES:
         given = getattr(config, device).place.map
         if not isinstance(given, str):
@@ -167,7 +168,7 @@ def _with_maps(config: Config, faults: list[ConfigFault]) -> Config:
 
 
 def _with_luts(config: Config, folder: Path, faults: list[ConfigFault]) -> Config:
-    """The configuration with what its files of lights hold in the place of their names."""
+    """The configuration with the contents of its files of lights in place of their names."""
     return msgspec.structs.replace(
         config,
         projector=with_lut(config.projector, "projector", folder, faults),

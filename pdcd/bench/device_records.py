@@ -1,9 +1,9 @@
-"""What crosses between a bench and its drivers: what devices are, settings of an exposure, photos,
-and lines of a doctor.
+"""Values that pass between a bench and its drivers: descriptions of devices, settings of an
+exposure, photos, and findings of a doctor.
 
-`pdcd.bench.devices` has the Protocols that take and return them, and all of these names as well;
-authors of drivers import them from `pdcd.driver`. What was added after the first drivers were
-written has a default.
+`pdcd.bench.devices` has the Protocols that take and return them, and also all of these names;
+authors of drivers import them from `pdcd.driver`. Fields that were added after the first drivers
+were written have defaults.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ class DisplayInfo:
 class CameraSettings:
     """Settings of one exposure. `f_number` None means: leave the aperture as it is.
 
-    exposure_s : how long it is planned to be, from `Shutter.open` returning to `Shutter.close`
-        being called, with the time on black before and after the frames; None: nobody said.
-    longest_s : for how long it may go on, late refreshes and further passes included, with a
-        margin: whoever guards a shutter ends it then, and not before. None: nobody said.
+    exposure_s : planned duration, from `Shutter.open` returning to `Shutter.close` being called,
+        with the time on black before and after the frames; None: unknown.
+    longest_s : how long it may go on, late refreshes and further passes included, with a margin: a
+        device that guards a shutter closes it then, and not before. None: unknown.
     """
 
     iso: int
@@ -63,10 +63,10 @@ class CameraSettings:
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """What the camera is and how it answers to light.
+    """The camera: what it is, and how it responds to light.
 
     `responsivity_e` (3,) float64: electrons per scene unit per second, for R, G, B, at f/1, or (1,)
-    without colours; the signal at aperture f is this divided by f squared; `camera.responsivity_e`
+    without colours; the signal at aperture f is this divided by f squared. `camera.responsivity_e`
     of the configuration, typed or measured, takes its place. `profile` names the sensor profile.
     """
 
@@ -80,23 +80,26 @@ class CameraInfo:
     frame_quads: tuple[int, int] | None = None
     """Width and height of its photos in Bayer quads, where that is known before the first one."""
     readout_s: float | None = None
-    """Seconds that a photo costs beside its exposure: getting ready, and until its file is stored.
-    None where that is not known; the rig then learns it from the first photos."""
+    """Seconds that a photo takes beside its exposure: getting ready, and until its file is stored.
+    None where that is unknown; the rig then learns it from the first photos."""
     cfa: str | None = "RGGB"
     """Colours of the quad at the upper left corner of its photos, row by row: "RGGB", "BGGR",
-    "GRBG" or "GBRG"; None for a sensor without colours. Any other word is that of a mosaic that is
-    not known here; the rig refuses it before there is light."""
+    "GRBG" or "GBRG"; None for a sensor without colours. Any other word stands for a mosaic that
+    pdcd does not know, and the rig refuses it before there is light."""
 
     @property
     def colours(self) -> int:
-        """Of its pictures: 3, or 1 of a sensor without."""
+        """Number of colours of its pictures: 3, or 1 for a sensor without colours."""
         return int(self.responsivity_e.size)
 
 
 @dataclass(frozen=True)
 class ShutterTiming:
-    """A shutter that moves while the panels show their frames, so that a photo tells when it did:
-    told to open once `after` rows were shown, and to close `open_s` after it was surely open."""
+    """A shutter movement while the panels show their frames, so that the photo shows when it moved.
+
+    The shutter is told to open once `after` rows were shown, and to close `open_s` after it was
+    surely open.
+    """
 
     after: int
     open_s: float
@@ -106,8 +109,8 @@ class ShutterTiming:
 class RawFile:
     """A RAW file on disk, as fetched: byte-for-byte the camera's own.
 
-    second : of a sensor with two buckets, the file of the second one in the same exposure: light
-        that the mask's patterns kept out of the first.
+    second : for a sensor with two buckets, the file of the second bucket in the same exposure: the
+        light that the mask's patterns kept out of the first.
     """
 
     path: Path
@@ -121,20 +124,21 @@ class PhotoFrame:
     """A photo in memory, from a camera that hands over samples: the rig writes it to disk as DNG.
 
     samples : (H, W) uint16
-        In DN, as the sensor has them: black not taken off, nothing scaled, turned or mended.
+        In DN, as the sensor has them: black not subtracted, nothing scaled, rotated or corrected.
     black : DN without light: one number, or one for each place of the quad, row by row.
     white : DN from which a sample is saturated.
-    iso, f_number : what it was taken with; 0 and None where the camera does not tell.
-    exposure_s : how long the camera says that it exposed.
-    cfa : colours of the quad at the upper left corner, as of `CameraInfo.cfa`.
+    iso, f_number : the settings it was taken with; 0 and None where the camera does not report
+        them.
+    exposure_s : exposure time that the camera reports.
+    cfa : colours of the quad at the upper left corner, as in `CameraInfo.cfa`.
     date : when it was taken; None: just now.
-    record : what the device says of this photo in its own words, pixel format, gain, number and
-        temperature for example; kept in the file.
-    second : as of `RawFile`.
-    pulses : how many pulses of the projector's and of the mask's output the camera counted since it
-        was armed; None where it counts none. Times of a display that says how many there are to be
-        (`FrameLog.pulses`) are proven by them.
-    pulses_hint : what to look at, of this camera, where it counted others than there were to be.
+    record : what the device reports about this photo in its own words, for example pixel format,
+        gain, number and temperature; kept in the file.
+    second : as in `RawFile`.
+    pulses : number of pulses of the projector's and of the mask's output that the camera counted
+        since it was armed; None where it counts none. They prove the times of a display that says
+        how many there should be (`FrameLog.pulses`).
+    pulses_hint : what to check on this camera where it counted another number.
     """
 
     samples: NDArray[np.uint16]
@@ -164,6 +168,6 @@ class Finding(msgspec.Struct, frozen=True):
 
 
 def fault(what: str, err: PdcdError, device: str | None = None) -> Finding:
-    """What an error says, `device` being the one that this doctor is about."""
+    """The finding for an error; `device` is the device that this doctor examines."""
     where = f"{err.device}: " if err.device not in (None, device) else ""
     return Finding(what, "fault", where + err.message, err.hint)

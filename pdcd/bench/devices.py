@@ -1,17 +1,17 @@
-"""What a driver must offer: one Protocol a device, and what its `create` gets.
+"""The interfaces that a driver must offer: one Protocol a device, and what its `create` gets.
 
-Authors of drivers import all of it from `pdcd.driver`. The values that cross it are in
-`pdcd.bench.device_records`, and have their names here, too.
+Authors of drivers import all of it from `pdcd.driver`. The values that pass through these methods
+are defined in `pdcd.bench.device_records`, and can be imported from here, too.
 
 A driver is a class with a classmethod ``create(context) -> driver``; the registry calls it. All
-methods block and are called from one worker thread of the daemon, never from two at once, save
-`Display.black` and `Shutter.close`, which must also be safe from any state, twice, and after a
-failure: they are how everything fails closed. Every method may raise `DeviceLost`.
+methods block and are called from one worker thread of the daemon, never from two at once.
+Exceptions are `Display.black` and `Shutter.close`, which must also be safe from any state, twice,
+and after a failure: with them everything fails closed. Every method may raise `DeviceLost`.
 
 Times are integer nanoseconds of the injected `Clock`; lengths in seconds end in `_s`.
 
-What was added after the first drivers were written is optional: a Protocol of its own
-(`TimedShutter`, `Preview`) is asked for only where a driver answers it.
+Methods that were added after the first drivers were written are optional: a Protocol of its own
+(`TimedShutter`, `Preview`) is used only where a driver offers it.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ class Display(Protocol):
         ...
 
     def load(self, frames: Frames) -> None:
-        """Take over all patterns of a shot; nothing is shown yet. Raises ConfigError if they do
-        not fit the panels."""
+        """Store all patterns of a shot; nothing is shown yet. Raises ConfigError if they do not fit
+        the panels."""
         ...
 
     def black(self) -> None:
@@ -133,19 +133,19 @@ class Shutter(Protocol):
 
 @runtime_checkable
 class TimedShutter(Shutter, Protocol):
-    """A shutter that wants to know how long it will be open. None need."""
+    """A shutter that wants to know how long it will be open. No shutter needs to."""
 
     def expect_exposure(self, exposure_s: float, longest_s: float) -> None:
-        """The next `open`, and that one alone, begins an exposure of so many seconds.
+        """The next `open`, and that one alone, begins an exposure of that many seconds.
 
-        Both are as of `CameraSettings`. Called before each `open` of the rig, after
-        `Readout.arm`; an `open` without it means that nothing is known. Nothing moves.
+        Both times are as in `CameraSettings`. Called before each `open` of the rig, after
+        `Readout.arm`; before an `open` without it, nothing is known. Nothing moves.
         """
         ...
 
 
 class Readout(Protocol):
-    """Sets the camera up and brings its photo home."""
+    """Sets the camera up and fetches its photo."""
 
     def connect(self) -> CameraInfo:
         """Find the camera and ask what it is."""
@@ -172,25 +172,27 @@ class Readout(Protocol):
 
 @runtime_checkable
 class RecheckingReadout(Readout, Protocol):
-    """A readout that finds its photos in files which something else writes. None need be."""
+    """A readout that finds its photos in files which another program writes. No readout needs to be
+    one."""
 
     def recheck(self, photos: Collection[str]) -> None:
-        """Look once more at where photos came from, given by their SHA-256, before a run is whole.
+        """Check once more the files that photos came from, given by their SHA-256, before a run is
+        complete.
 
-        Those of other runs are forgotten. Raises ExposureError where one holds something else by
-        now than was fetched.
+        Photos of other runs are forgotten. Raises ExposureError where a file no longer holds what
+        was fetched.
         """
         ...
 
 
 class Preview(Protocol):
-    """The camera's finder: small pictures, several a second, to aim and to focus by.
+    """The camera's finder: small pictures, several a second, for aiming and focusing.
 
-    A role of its own (`preview`), which a bench may lack: it goes by the name of the camera's
-    driver, and without one `pdcd preview` takes photos, one after the other. Such pictures are
-    looked at and never measured. It is not used while a photo is armed, and shares one camera with
-    shutter and readout by `DriverContext.the`. All calls come from a thread of its own, which is
-    left behind where one hangs.
+    A role of its own (`preview`), which a bench may lack: it has the same name as the camera's
+    driver, and without one `pdcd preview` takes photos, one after the other. Such pictures are only
+    looked at, never measured. It is not used while a photo is armed, and shares one camera with
+    shutter and readout by `DriverContext.the`. All calls come from a separate thread, which is
+    abandoned if one hangs.
     """
 
     def connect(self) -> dict[str, str]:
@@ -200,8 +202,8 @@ class Preview(Protocol):
     def grab(self, timeout_s: float) -> NDArray[np.uint8]:
         """The next picture, (H, W) grey or (H, W, 3) sRGB, upright as the sensor has it.
 
-        One that was taken after the call; what waited before is passed over. Raises ExposureError
-        when none comes in that time.
+        It must be taken after the call: pictures that waited before are skipped. Raises
+        ExposureError when none comes in that time.
         """
         ...
 
@@ -211,11 +213,11 @@ class Preview(Protocol):
 
 
 class _KnownScene(Protocol):
-    """A scene whose light transport a driver knows, as far as a bench asks about it."""
+    """A scene whose light transport a driver knows, as far as a bench needs it."""
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """Its name in reports."""
         ...
 
     @property
@@ -235,35 +237,36 @@ class SharedState:
 
     played: tuple[Frames, FrameLog] | None = None
     """What the display last played, put here by the rig: a virtual camera makes its photo from it,
-    whichever display it stands before. None once a shutter of the mock bench has opened."""
+    with any display. None once a shutter of the mock bench has opened."""
     exposed_ns: tuple[int, int] | None = None
-    """When the last exposure surely began and ended, put here by the rig: a virtual camera behind
-    a shutter that is not its own goes by it. None while the shutter is open, and once its photo
-    was made."""
+    """When the last exposure surely began and ended, put here by the rig: for a virtual camera
+    behind a shutter that is not its own. None while the shutter is open, and once its photo was
+    made."""
     moving: bool = False
     """Whether the shutter of this exposure is meant to move while the panels show their frames: a
-    camera that times it then leaves out its margin."""
+    camera that controls its time then leaves out its margin."""
     held: Frames | None = None
     """What the display holds for a live view, put here by the rig: virtual cameras see it. None
     while it holds nothing."""
     pixels: ShownPictures | None = None
-    """The panels' own pixels of the same frames, from a display that looks at them: a virtual
-    camera believes these rather than the frame log."""
+    """The panels' own pixels for the same frames, from a display that records them: a virtual
+    camera uses these instead of the frame log."""
     scene: _KnownScene | None = None
     """The scene, from a driver that knows it."""
     photographed: bool = False
-    """Whether the photos show that scene, said by the camera that makes them of it: only then are
-    errors reported against the truth. A real camera before virtual panels sees something else."""
+    """Whether the photos show that scene; set by the camera that makes them from it. Only then are
+    errors reported against the truth: a real camera in front of virtual panels sees something
+    else."""
     covered: bool = False
     """Whether a virtual projector's lens is covered: none of its light, leaked or not, comes out.
     """
     cells_meet: bool = False
-    """Whether cells are all there is to the panels, so that nothing can be misplaced: said by the
-    camera of a mock bench without pixels. Real drivers leave it False, and whether their panels
-    lie where they are believed to has to be looked at."""
+    """Whether the panels consist of cells only, so that nothing can be misplaced; set by the camera
+    of a mock bench without pixels. Real drivers leave it False, and the places of their panels have
+    to be checked."""
     usb_backend: object | None = None
-    """The pyusb backend to use instead of libusb, which is None; see `DriverContext.usb_backend`.
-    """
+    """The pyusb backend to use instead of libusb; None is libusb. See
+    `DriverContext.usb_backend`."""
 
 
 _LIBUSB = "libusb"
@@ -271,11 +274,11 @@ _LIBUSB = "libusb"
 
 
 def _nobody_listens() -> None:
-    """A rig without a watchdog."""
+    """The default of a rig without a watchdog."""
 
 
 def _nobody_cancels() -> bool:
-    """No job that could be cancelled."""
+    """The default where no job can be cancelled."""
     return False
 
 
@@ -284,24 +287,25 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class DriverContext:
-    """What a driver's `create` gets: the whole checked configuration, the clock, and a place
-    where drivers of one rig meet."""
+    """What a driver's `create` gets: the whole checked configuration, the clock, and objects that
+    the drivers of one rig share."""
 
     config: Config
     clock: Clock
     shared: SharedState = field(default_factory=SharedState)
     alive: Callable[[], object] = _nobody_listens
     """A method that waits for a device calls this every few seconds, from the thread that called
-    it: so the daemon's watchdog knows that it waits and is not stuck. It never blocks or raises."""
+    it. The daemon's watchdog then knows that it waits and is not stuck. It never blocks or
+    raises."""
     cancelled: Callable[[], bool] = _nobody_cancels
-    """Whether the job is to end. `patience` asks it, and says when not to."""
+    """Whether the job is to end. `patience` checks it, and knows when cancelling must wait."""
     _made: dict[type, object] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def the(self, kind: type[_T], make: Callable[[], _T]) -> _T:
         """The one instance of a class in this rig, made by the first driver that asks for it.
 
-        So a shutter and a readout use one camera. What `make` raises is passed on; whoever asks
-        next tries again.
+        This is how a shutter and a readout share one camera. What `make` raises is passed on; the
+        next driver that asks tries again.
         """
         found = self._made.get(kind)
         if not isinstance(found, kind):
@@ -310,7 +314,7 @@ class DriverContext:
 
     @property
     def patience(self) -> Patience:
-        """What each loop that waits for a device asks: sign of life, cancel and deadline in one."""
+        """Called in each loop that waits for a device: sign of life, cancel and deadline in one."""
         return self.the(Patience, lambda: Patience(self.clock, self.alive, self.cancelled))
 
     def require_real_time(self, what: str, device: str) -> None:
@@ -326,10 +330,10 @@ class DriverContext:
             )
 
     def usb_backend(self, name: str = _LIBUSB) -> object | None:
-        """The pyusb backend that all devices of this rig are on; None is the machine's libusb.
+        """The pyusb backend that all devices of this rig use; None is the machine's libusb.
 
-        For drivers of devices on the USB, whose options name it: "libusb", or a driver of the role
-        `usb`, which brings a USB with virtual devices. The first that names one decides. Raises
+        For drivers of USB devices, whose options name it: "libusb", or a driver of the role `usb`,
+        which provides a USB with virtual devices. The first name that is asked for decides. Raises
         DriverUnavailable where there is none of that name.
         """
         if self.shared.usb_backend is None and name != _LIBUSB:

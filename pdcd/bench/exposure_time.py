@@ -1,9 +1,9 @@
-"""How long an exposure is planned to be, and may be at most: what devices are told beforehand; and
-whether it was as long as that.
+"""How long an exposure is planned to be, and may be at most; and whether it was that long.
 
-The rig tells the camera with its settings, and a shutter that wants to know it (`TimedShutter`).
-Whoever guards a shutter, or waits for a photo, goes by it: a guardian that waited for
-`limits.max_exposure_s` would leave a shutter open for ten minutes after an exposure of two seconds.
+The rig passes both times to the camera with its settings, and to a shutter that wants to know them
+(`TimedShutter`). Code that guards a shutter, or waits for a photo, uses them: a guard that waited
+for `limits.max_exposure_s` would leave a shutter open for ten minutes after an exposure of two
+seconds.
 """
 
 from __future__ import annotations
@@ -18,26 +18,28 @@ from pdcd.bench.tables import Config
 from pdcd.panels.frames import FrameLog, Frames
 
 _MARGIN_S = 30.0
-"""What an exposure may take beyond the time that panels need for their frames: for devices that
-answer late, and panels that stall."""
+"""Seconds that an exposure may take beyond the time that panels need for their frames: for devices
+that answer late, and panels that stall."""
 _STRETCH = 2.0
-"""How much longer than planned the panels may take for their frames, refreshes being late."""
+"""Factor by which the panels may exceed the planned time of their frames when refreshes are
+late."""
 
 OFF_S, OFF_SHARE = 1.1, 0.25
-"""Two times of one exposure disagree where they differ by more than the larger of so many seconds
-and that share: cameras write the time of a bulb exposure in whole seconds, or in thirds of a
+"""Two times of one exposure conflict where they differ by more than the larger of that many seconds
+and that share. Cameras record the time of a bulb exposure in whole seconds, or in thirds of a
 stop."""
 _MOST_TOLD_S = 86400.0
-"""A longer time is no time: what a camera writes that keeps none."""
+"""A longer exposure time is taken for none: some cameras write such a number where they keep no
+time."""
 
 
 def with_exposure_times(
     settings: CameraSettings, config: Config, frames: Frames, refresh_hz: float | None
 ) -> CameraSettings:
-    """Settings of an exposure of all these frames, with how long that is planned to be, and may be.
+    """Settings of an exposure of all these frames, with its planned and its longest duration.
 
-    refresh_hz : of the panels as found; None where they were not asked, no positive number where a
-    driver does not know it. The slower of that and what is configured counts.
+    refresh_hz : rate of the panels as found; None where it was not asked for, not positive where a
+        driver does not know it. The slower of this rate and the configured one is used.
     """
     row_hz = config.row_hz
     if refresh_hz is not None and math.isfinite(refresh_hz) and refresh_hz > 0.0:
@@ -54,12 +56,12 @@ def with_exposure_times(
 
 
 def with_open_time(settings: CameraSettings, config: Config, open_s: float) -> CameraSettings:
-    """The same of an exposure that a clock ends, so long after the shutter is surely open."""
+    """The same for an exposure that a clock ends, `open_s` after the shutter is surely open."""
     return _timed(settings, config, open_s, open_s)
 
 
 def tell_exposure_time(shutter: Shutter, settings: CameraSettings) -> None:
-    """Let a shutter that wants to know it know how long the next exposure will be."""
+    """Tell the duration of the next exposure to a shutter that wants to know it."""
     if isinstance(shutter, TimedShutter) and settings.exposure_s is not None:
         longest_s = settings.longest_s
         shutter.expect_exposure(
@@ -70,21 +72,20 @@ def tell_exposure_time(shutter: Shutter, settings: CameraSettings) -> None:
 def planned_open_s(
     settings: CameraSettings, config: Config, frames: Frames, log: FrameLog
 ) -> float:
-    """How long an exposure was to be that `with_exposure_times` or `with_open_time` announced, s,
-    with refreshes that came late, and the passes that were shown to make up for them."""
+    """Planned duration in seconds of an exposure that `with_exposure_times` or `with_open_time`
+    announced, with late refreshes and the passes that were shown to make up for them."""
     more = max(0, len(log) - len(frames) - abs(log.mask_delay)) + int(log.missed.sum())
     return (settings.exposure_s or 0.0) + more / config.row_hz
 
 
 def describe_time_conflict(planned_s: float, logged_s: float, told_s: float) -> str:
-    """Which of three times of one exposure disagree, in words with their figures; "" if none do.
+    """Which of three times of one exposure conflict, in words with their figures; "" if none do.
 
-    Whoever takes a photo asks, to take it again, and who judges it.
+    Called by code that takes a photo and can take it again, and by code that judges it.
 
-    planned_s : what was planned (`planned_open_s`). logged_s : from the shutter being open to its
-    being
-        closed, by the rig's clock. told_s : what the camera's file says; a file without that tag,
-        0 or what is no time is no fault.
+    planned_s : the planned time (`planned_open_s`).
+    logged_s : from the shutter being open to its being closed, by the rig's clock.
+    told_s : exposure time in the camera's file; a missing tag, 0 or an impossible time is no fault.
     """
     told = math.isfinite(told_s) and 0.0 < told_s <= _MOST_TOLD_S
     if _disagree(planned_s, logged_s):
@@ -101,6 +102,6 @@ def _disagree(expected_s: float, found_s: float) -> bool:
 def _timed(
     settings: CameraSettings, config: Config, exposure_s: float, longest_s: float
 ) -> CameraSettings:
-    # What was planned within the limit may go beyond it: a guardian is there for what hangs.
+    # A plan within the limit may be longer than the limit: a guard is only there for what hangs.
     longest_s = min(longest_s, max(config.limits.max_exposure_s, exposure_s)) + _MARGIN_S
     return replace(settings, exposure_s=exposure_s, longest_s=longest_s)

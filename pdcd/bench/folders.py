@@ -17,7 +17,7 @@ MAX_SOCKET_BYTES = 107
 
 
 def find_socket_path(config: Config) -> Path:
-    """Where the daemon listens and clients call.
+    """The socket on which the daemon listens and clients call.
 
     Raises ConfigError when the stand-in for a missing $XDG_RUNTIME_DIR belongs to someone else.
     """
@@ -30,7 +30,7 @@ def find_socket_path(config: Config) -> Path:
 
 
 def find_state_dir(config: Config) -> Path:
-    """Folder that run folders and calibrations are kept in; it need not exist yet.
+    """Folder of run folders and calibrations; it need not exist yet.
 
     Raises ConfigError where it would lie in the home folder of a user who has none.
     """

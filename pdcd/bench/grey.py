@@ -1,4 +1,4 @@
-"""Grey levels of a panel, as a configuration has them: gamma, or a table of lights."""
+"""Grey levels of a panel, as a configuration gives them: gamma, or a table of lights."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MAX_LUT_BYTES = 2**16
 
 
 class _Grey(Protocol):
-    """A table with these keys."""
+    """A configuration table that has these keys."""
 
     @property
     def lut(self) -> Lut | None: ...
@@ -36,7 +36,8 @@ _G = TypeVar("_G", bound=_Grey)
 
 
 def curve_of(panel: PanelConfig) -> Curve | None:
-    """What light a panel's levels give; None where nobody said. Raises ConfigError."""
+    """The light of a panel's grey levels; None where the configuration gives none. Raises
+    ConfigError."""
     if panel.lut is None:
         return None if panel.gamma is None else make_power_curve(panel.gamma)
     lights = read_lut(Path(panel.lut)) if isinstance(panel.lut, str) else panel.lut
@@ -46,19 +47,20 @@ def curve_of(panel: PanelConfig) -> Curve | None:
 
 
 def curves_of(config: Config) -> Curves:
-    """Those of projector and mask. Raises ConfigError."""
+    """The curves of projector and mask. Raises ConfigError."""
     return curve_of(config.projector), curve_of(config.mask)
 
 
 def find_curve_fault(name: str, lut: Lut | None) -> ConfigFault | None:
-    """What to say of a table of lights that was read; None where it is sound, or there is none."""
+    """The fault of a table of lights that was read; None where it is sound, or there is none."""
     if lut is None or isinstance(lut, str) or not (fault := find_table_fault(lut)):
         return None
     return ConfigFault((f"{name}.lut",), f"{name}.lut: {fault}")
 
 
 def with_lut(panel: _G, name: str, folder: Path, faults: list[ConfigFault]) -> _G:
-    """A panel with what its file of lights holds in the place of the path, meant from `folder`."""
+    """The panel with the contents of its file of lights in place of the path, which starts from
+    `folder`."""
     if not isinstance(panel.lut, str):
         return panel
     lights = None
@@ -70,9 +72,9 @@ def with_lut(panel: _G, name: str, folder: Path, faults: list[ConfigFault]) -> _
 
 
 def read_lut(path: Path) -> tuple[float, ...]:
-    """Lights of a text file: numbers parted by white space or commas, # begins a comment.
+    """Lights of a text file: numbers separated by white space or commas, # begins a comment.
 
-    Raises ConfigError in one line; whether they make a curve is not looked at.
+    Raises ConfigError in one line; whether the numbers make a curve is not checked.
     """
     try:
         lines = read_file(path, MAX_LUT_BYTES).decode("ascii").splitlines()

@@ -1,7 +1,7 @@
-"""The configuration with what a calibration measured in the place of what was typed.
+"""The configuration with the values that a calibration measured in place of typed ones.
 
-`[calibration] use` says which one: the newest of the state folder that fits, unless one was named
-by `pdcd calibrate use`, a folder by its path, or none.
+`[calibration] use` names the calibration: "latest", a folder by its path, or "none". "latest" is
+the one that `pdcd calibrate use` named, else the newest of the state folder that fits.
 """
 
 from __future__ import annotations
@@ -54,13 +54,17 @@ TIME_KEYS = (
     "mask.skew_s",
     *(f"{p}.{t}" for p in ("projector", "mask") for t in ("rise_s", "fall_s")),
 )
-"""Values by which a schedule of fewer refreshes can be trusted."""
+"""Values that must be measured before a schedule of fewer refreshes can be trusted."""
 
 
 @dataclass(frozen=True)
 class CalibrationChoice:
-    """Which calibration is used. config : with its values. folder : None for none. passed : those
-    that were passed over as newer ones that do not fit, a line each."""
+    """The calibration that is used.
+
+    config : the configuration with its values.
+    folder : None where none is used.
+    passed : newer calibrations that were skipped because they do not fit, a line each.
+    """
 
     config: Config
     folder: Path | None = None
@@ -68,7 +72,7 @@ class CalibrationChoice:
 
     @property
     def words(self) -> str:
-        """What was passed over and why, for people, in one line; "" for nothing."""
+        """What was skipped and why, for people, in one line; "" for nothing."""
         if not self.passed:
             return ""
         more = f", and {len(self.passed) - 1} more" if len(self.passed) > 1 else ""
@@ -90,10 +94,10 @@ def choose_calibration(
 ) -> CalibrationChoice:
     """The calibration that a configuration asks for, and the configuration with its values.
 
-    `calibration.use` and `calibration.sha256` of that name the one that was taken, so that doing
-    this again changes nothing. "latest" passes over what does not fit, or cannot be read, or is of
-    other devices than are open, where that is known; where none is left, it is as good as "none".
-    Raises ConfigError for one that was named and cannot be used.
+    `calibration.use` and `calibration.sha256` of the result name the one that was taken, so that
+    doing this again changes nothing. "latest" skips calibrations that do not fit, that cannot be
+    read, or that are of other devices than those that are open, where these are known; if none is
+    left, none is used. Raises ConfigError for a calibration that was named and cannot be used.
     """
     use = config.calibration.use
     name = read_pinned_name(config) if use == "latest" else None
@@ -151,7 +155,8 @@ def use_calibration_folder(config: Config, folder: Path) -> Config:
 
 
 def _check_keys(entries: Iterable[str]) -> None:
-    """Raise ConfigError for a value that says nothing of a bench, such as one of the server's."""
+    """Raise ConfigError for a measured value that does not describe a bench, such as one of the
+    server's."""
     for key in entries:
         if key.partition(".")[0] not in (*BENCH_TABLES, "rig"):
             raise ConfigError(
@@ -161,9 +166,10 @@ def _check_keys(entries: Iterable[str]) -> None:
 
 
 def _check_unchanged(record: Calibration, entries: Iterable[str], folder: Path) -> None:
-    """Raise ConfigError where maps or the profile are not those that the calibration has written.
+    """Raise ConfigError where maps or the profile differ from those that the calibration wrote.
 
-    What is kept of one under way lists neither."""
+    The record of a calibration under way lists neither.
+    """
     read = {MAPS for key in entries if key.endswith(".place.map")}
     read |= {PROFILE for key in entries if key == "camera.profile"}
     for name in sorted(read & record.files.keys()):
@@ -177,7 +183,7 @@ def _check_unchanged(record: Calibration, entries: Iterable[str], folder: Path) 
 
 
 def _check_values(used: Config, config: Config, folder: Path) -> None:
-    """Raise ConfigError where measured values bring faults that the configuration had not."""
+    """Raise ConfigError where measured values cause faults that the configuration did not have."""
     before = check_config(config)
     if faults := [fault for fault in check_config(used) if fault not in before]:
         raise ConfigError(
@@ -187,16 +193,18 @@ def _check_values(used: Config, config: Config, folder: Path) -> None:
 
 
 def _named(config: Config, folder: Path, hint: str) -> CalibrationChoice:
-    """One that somebody named. Raises ConfigError where it does not fit, and says what to do."""
+    """A calibration that somebody named. Raises ConfigError, with `hint`, where it does not fit."""
     record, _ = read_calibration(folder)
     check_same_bench(record, config, hint)
     return CalibrationChoice(use_calibration_folder(config, folder), folder)
 
 
 def link_calibration(folder: Path, calibrations: Path) -> None:
-    """Have a calibration that lies elsewhere found among those of the state folder, by a link.
+    """Link to a calibration that lies elsewhere, so that it is found among those of the state
+    folder.
 
-    Raises DiskError."""
+    Raises DiskError.
+    """
     with disk_errors(str(calibrations)):
         calibrations.mkdir(parents=True, exist_ok=True)
         if folder.resolve().parent != calibrations.resolve():
@@ -220,10 +228,11 @@ def parse_calibration_name(folder: Path) -> str:
 
 
 def find_scale(config: Config, f_number: float | None) -> AbsoluteScale:
-    """What the absolute scale of photos at that stop goes by, and how sure it is.
+    """The source of the absolute scale of photos at that stop, and its uncertainty.
 
-    A responsivity holds at the stop that it was measured at. Of another one the light is known as
-    well as it was compared with that (`CameraConfig.stops`), or as stops are true to 2^(k/6).
+    A responsivity holds at the stop at which it was measured. At another stop, the uncertainty is
+    that of the comparison of both stops (`CameraConfig.stops`), or else the usual deviation of
+    stops from 2^(k/6).
     """
     camera, table = config.camera, config.calibration
     if camera.responsivity_e is None:
@@ -252,7 +261,7 @@ def find_scale(config: Config, f_number: float | None) -> AbsoluteScale:
 def select_measured_values(
     record: Calibration, table: CalibrationConfig
 ) -> dict[str, MeasuredValue]:
-    """The measured values that replace typed ones: all but those to be kept as typed."""
+    """The measured values that replace typed ones: all except those to be kept as typed."""
     return {key: entry for key, entry in record.measured.items() if key not in table.keep}
 
 
@@ -273,8 +282,11 @@ def with_measured_values(
 
 
 def with_guards(config: Config, measured: Container[str]) -> Config:
-    """The configuration with the schedule that the measured lag allows, where the times of both
-    panels were measured, and guards are the full ones; unless that key is to be kept."""
+    """The configuration with the schedule that the measured lag allows.
+
+    It changes only where the times of both panels were measured, the guards are the full ones, and
+    that key is not to be kept.
+    """
     schedule = config.schedule
     if schedule.guards is not True or "schedule.guards" in config.calibration.keep:
         return config
@@ -293,7 +305,7 @@ def with_values(
 ) -> Config:
     """The configuration with other values, by key, and the places of `maps`, by device.
 
-    Of devices `calibration.typed` keeps what was typed there before anything was measured.
+    For devices, `calibration.typed` keeps what was typed before anything was measured.
     """
     asked, tables = config, dict[str, dict[str, Any]]()
     for key, value in values.items():
@@ -323,7 +335,8 @@ def with_values(
 
 
 def _with_typed(config: Config, asked: Config) -> Config:
-    """The configuration with what `asked` has in the place of its measured values of devices."""
+    """The configuration with the values that `asked` had for devices stored in
+    `calibration.typed`."""
     typed = dict(asked.calibration.typed)
     for table in TYPED:
         before, now = getattr(asked, table), getattr(config, table)
@@ -343,7 +356,7 @@ def compute_age_days(record: Calibration, now: datetime | None = None) -> float:
 
 
 def compute_age_h(made_utc: str, now: datetime | None = None) -> float:
-    """Hours since a date as records hold it; NaN where it cannot be read."""
+    """Hours since a date in the format of records; NaN where it cannot be read."""
     try:
         made = datetime.fromisoformat(made_utc.replace("Z", "+00:00"))
         return ((now or datetime.now(UTC)) - made).total_seconds() / 3600.0

@@ -22,9 +22,9 @@ from pdcd.bench.tables import Config
 
 @dataclass(frozen=True)
 class _Origin:
-    """One value.
+    """The origin of one value.
 
-    typed : as the file has it, where it was measured as well; None where the file says nothing.
+    typed : the value in the file, also where it was measured; None where the file has none.
     entry : how it was measured.
     """
 

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from pdcd.bench.devices import Clock
 
 LOOK_S = 0.2
-"""Longest time between two looks: a cancel is heard within a second, a device's call included."""
+"""Longest time between two looks: a cancel takes effect within a second, a call of a device
+included."""
 
 _Over = Callable[[], PdcdError]
 
@@ -23,13 +24,15 @@ class _Lock(Protocol):
 
 
 class Patience:
-    """What every loop of a driver asks in each turn, from `DriverContext.patience`.
+    """What every waiting loop of a driver calls in each turn, from `DriverContext.patience`.
 
     A look gives a sign of life, and raises what ends the wait: `Cancelled` when the job is to end,
-    or the error of a deadline that is over. Deadlines nest, and are those of the thread that set
-    them; so is deafness, in which a cancel is not heard: the rig closes everything in it.
+    or the error of a deadline that has passed. Deadlines nest, and hold for the thread that set
+    them. The same is true of blocks in which a cancel is ignored (`deaf`): in such a block the rig
+    closes everything.
 
-    alive : takes a sign of life. cancelled : whether the job is to end.
+    alive : called as the sign of life.
+    cancelled : whether the job is to end.
     """
 
     def __init__(
@@ -42,7 +45,8 @@ class Patience:
         self._thread = _OfThread()
 
     def look(self) -> None:
-        """One turn of a wait. Raises Cancelled, or the error of the outermost deadline over."""
+        """One turn of a wait. Raises Cancelled, or the error of the outermost deadline that has
+        passed."""
         self._alive()
         if not self._thread.deaf and self._cancelled():
             raise Cancelled("cancelled while a device was waited for")
@@ -55,7 +59,7 @@ class Patience:
         self.sleep_until_ns(self._clock.now_ns() + round(seconds * 1e9))
 
     def sleep_until_ns(self, t_ns: int) -> None:
-        """The same, until that time of it."""
+        """The same, until that time of the rig's clock."""
         begun_ns, step_ns = self._clock.now_ns(), round(LOOK_S * 1e9)
         self.look()
         for at_ns in range(begun_ns + step_ns, t_ns + step_ns, step_ns):
@@ -63,14 +67,14 @@ class Patience:
             self.look()
 
     def within(self, seconds: float, over: _Over) -> AbstractContextManager[None]:
-        """See that what waits in this block ends in so many seconds, by the error that `over`
+        """Limit the waits in this block to that many seconds; then raise the error that `over`
         makes."""
         until_ns = self._clock.now_ns() + round(seconds * 1e9)
         return self.until(lambda: self._clock.now_ns() >= until_ns, over)
 
     @contextmanager
     def until(self, ended: Callable[[], bool], over: _Over) -> Iterator[None]:
-        """The same, as soon as `ended()`, which is to stay true."""
+        """The same with a condition: the waits end once `ended()` is true; it must stay true."""
         self._thread.ends.append((ended, over))
         try:
             yield
@@ -79,8 +83,9 @@ class Patience:
 
     @contextmanager
     def deaf(self) -> Iterator[None]:
-        """Hear no cancel in this block: what closes must not be broken off by what it is for.
-        Threads of a driver's own are not the job's, and work in it."""
+        """Ignore cancels in this block: closing the devices must not be interrupted by the cancel
+        that caused it. A driver's own threads do not belong to the job, and work in such a
+        block."""
         self._thread.deaf += 1
         try:
             yield
@@ -88,7 +93,7 @@ class Patience:
             self._thread.deaf -= 1
 
     def acquire(self, lock: _Lock) -> None:
-        """Take a lock that another thread may hold for long."""
+        """Take a lock that another thread may hold for a long time."""
         while not lock.acquire(timeout=LOOK_S):
             self.look()
 

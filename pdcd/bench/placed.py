@@ -1,7 +1,8 @@
 """The maps of a configuration: where projector, mask and camera lie on the field.
 
-Places say where a device lies on the projector's picture. The field is that picture, or the part of
-it that all three share (`PanelConfig.field_px`): this is where the one becomes the other.
+The configuration gives places on the projector's picture. The field is that picture, or the part of
+it that all three devices share (`PanelConfig.field_px`); this module converts the one into the
+other.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ _Role = Literal["projector", "mask"]
 
 
 _OBLONG = 1.1
-"""Sides of a cell, one over the other, from which on it is said to be oblong."""
+"""Ratio of a cell's sides from which on it is reported as oblong."""
 
 
 def describe_oblong_cells(config: Config, grid: tuple[int, int]) -> str:
-    """In words that cells of a grid (rows, columns) are no squares on the scene, and a grid of
-    which they are; "" where they are squares."""
+    """A sentence for cells of a grid (rows, columns) that are not square on the scene, with a grid
+    that makes them square; "" where they are square."""
     (wide, high), (rows, cols) = config.projector.field_size_px, grid
     across, down = wide / cols, high / rows
     if max(across, down) <= _OBLONG * min(across, down):
@@ -55,18 +56,18 @@ class Panels:
 
 
 def panels_of(config: Config) -> Panels:
-    """Both panels, placed. Raises ConfigError for a map that cannot be used, or that leaves most
-    of the field without a pixel of the panel (`pdcd.panels.map_soundness.LEAST_SHARE`)."""
+    """Both panels, placed. Raises ConfigError for a map that cannot be used, or that leaves most of
+    the field without a pixel of the panel (`pdcd.panels.map_soundness.LEAST_SHARE`)."""
     return place_panels(config.projector, config.mask)
 
 
 def place_panels(projector: PanelConfig, mask: PanelConfig) -> Panels:
-    """The same of the tables of both."""
+    """The same from the tables of both."""
     return Panels(_view(projector, "projector", projector), _view(mask, "mask", projector))
 
 
 def map_to_field(map_: Map, projector: PanelConfig) -> Map:
-    """The map to the field of a device whose map leads to the projector's picture."""
+    """The map of a device to the field, given its map to the projector's picture."""
     if projector.field_px is None:
         return map_
     (left, top, wide, high), (width, height) = projector.field_px, projector.size_px
@@ -76,7 +77,7 @@ def map_to_field(map_: Map, projector: PanelConfig) -> Map:
 
 
 def map_plane_to_field(plane: MapMatrix, projector: PanelConfig) -> MapMatrix:
-    """A homography from the projector's picture to itself as one from the field to the field."""
+    """A homography of the projector's picture, converted to one of the field."""
     if projector.field_px is None:
         return plane
     own = map_to_field(Map(size_px=(1, 1), homography=to_map_matrix(np.eye(3))), projector)
@@ -112,10 +113,10 @@ def compute_mock_frame(config: Config, grid: tuple[int, int]) -> tuple[int, int]
 
 
 def find_place_faults(config: Config) -> Iterator[tuple[str, str]]:
-    """Each device whose place cannot be used, and why, on one line; nothing is read or touched.
+    """Each device whose place cannot be used, and why, in one line; no device is touched.
 
-    How many quads a real camera has is not known here: a homography by hand is only looked at for
-    what would be wrong with any frame, and the rest when the camera tells its size.
+    The number of quads of a real camera is not known here. A homography by hand is only checked for
+    faults that any frame would show; the rest follows when the camera reports its size.
     """
     for role in _PANELS:
         try:
@@ -137,8 +138,9 @@ def find_place_faults(config: Config) -> Iterator[tuple[str, str]]:
 def find_small_cells(
     config: Config, grid: tuple[int, int], needed_px: float
 ) -> Iterator[tuple[str, float]]:
-    """Each panel on which a cell's side has fewer pixels than needed where its map puts them, and
-    how many. Of a panel whose place cannot be used nothing is said (`find_place_faults` does)."""
+    """Each panel on which a cell's side has fewer pixels than needed at the place of its map, and
+    how many it has. Panels whose place cannot be used are left out; `find_place_faults` reports
+    these."""
     for panel in _usable(config):
         cell_px = find_fewest_pixels(panel.map, grid)
         if cell_px is not None and cell_px < needed_px * (1.0 - _NEAR):
@@ -146,8 +148,8 @@ def find_small_cells(
 
 
 def find_dark_places(config: Config, grid: tuple[int, int]) -> Iterator[tuple[str, str]]:
-    """Each panel that leaves part of the field without a pixel, and what of it: such places stay
-    dark. Of a panel whose place cannot be used nothing is said."""
+    """Each panel that leaves part of the field without a pixel, and how much: such places stay
+    dark. Panels whose place cannot be used are left out."""
     for panel in _usable(config):
         blind = int(np.count_nonzero(~find_shown_cells(panel, grid)))
         if blind:
@@ -166,11 +168,11 @@ def _usable(config: Config) -> Iterator[PanelView]:
 
 
 _NEAR = 1e-9
-"""Share of a cell by which rounding may make it smaller."""
+"""Relative rounding error by which a cell may be too small."""
 _FINELY = 512
-"""Points a side at which a share of the field is told."""
+"""Points along a side at which the share of the field is computed."""
 _FRAME_PX = (300, 200)
-"""Quads of a camera of which only the form counts, not how fine it is."""
+"""Size in quads of an assumed camera frame: only its shape matters, not its resolution."""
 _PANELS: tuple[_Role, ...] = ("projector", "mask")
 
 

@@ -1,9 +1,9 @@
-"""Tables as written <-> typed values, all faults at once, each in the words of the file, its key
-first.
+"""Tables as written <-> typed values. All faults are found at once, each in the words of the file,
+its key first.
 
-The configuration and what belongs to it are read by these rules, and so is the `options` table of
-every driver. Plain values go back to TOML text, so that a resolved configuration can be kept as a
-file.
+The configuration and its files are read by these rules, and so is the `options` table of every
+driver. Plain values can be written as TOML text again, so that a resolved configuration can be kept
+as a file.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _S = TypeVar("_S", bound=msgspec.Struct)
 _MAX_BYTES = 2**20
 """Longest file that is read."""
 _PIPE_S = 10.0
-"""How long who starts the program may take to write the configuration to a pipe."""
+"""How long the program that started pdcd may take to write the configuration to a pipe."""
 _MAX_INTEGER = 2**53
 """Integers stay below this in every message, so that any JSON reader keeps them exactly."""
 
@@ -52,11 +52,13 @@ class ConfigFault(NamedTuple):
 def read_toml(
     source: Path, what: str, hint: str, *, form: str = _FORM, may_be_pipe: bool = False
 ) -> dict[str, Any]:
-    """The tables of a TOML file, nothing of them checked but that numbers have at most 64 bits.
+    """The tables of a TOML file, unchecked except that integers have at most 64 bits.
 
     `what` names the file for people, `hint` says what to do where it cannot be read, `form` where
-    it is not TOML. may_be_pipe :
-    of the configuration alone: who starts the program may hand it over by one.
+    it is not TOML.
+
+    may_be_pipe : only for the configuration, which the program that starts pdcd may pass in a pipe.
+
     Raises ConfigError for what is no TOML file.
     """
     try:
@@ -74,7 +76,7 @@ def read_toml(
 
 
 def parse_toml(text: str, called: Path | str, form: str = _FORM) -> dict[str, Any]:
-    """The tables of a TOML text, checked as those of a file; `called` names it for people, `form`
+    """The tables of a TOML text, checked like those of a file; `called` names it for people, `form`
     says what to do where it is not TOML.
 
     Raises ConfigError.
@@ -132,7 +134,7 @@ def merge_table(base: _S, given: Any, where: str, faults: list[ConfigFault]) -> 
 
 
 def _beyond_64_bits(value: Any, key: str = "") -> Iterator[str]:
-    """Keys of integers that TOML does not know, and that floats cannot always hold."""
+    """Keys of integers beyond the range of TOML, which floats cannot always hold."""
     if isinstance(value, dict):
         for name, held in value.items():
             yield from _beyond_64_bits(held, f"{key}.{name}" if key else name)
@@ -144,7 +146,7 @@ def _beyond_64_bits(value: Any, key: str = "") -> Iterator[str]:
 
 
 def find_number_faults(value: Any, key: str) -> Iterator[ConfigFault]:
-    """Yield NaN, infinities and integers too large for JSON, however deep they lie."""
+    """Yield faults for NaN, infinities and integers too large for JSON, at any depth."""
     if isinstance(value, dict):
         for name, item in value.items():
             yield from find_number_faults(item, f"{key}.{name}" if key else name)
@@ -160,12 +162,12 @@ def find_number_faults(value: Any, key: str) -> Iterator[ConfigFault]:
 def read_options(
     given: Mapping[str, Any], kind: type[_S], *, table: str, device: str, hint: str
 ) -> _S:
-    """The options of a driver as its own struct.
+    """The options of a driver as a struct.
 
     Parameters
     ----------
     given : the table as the configuration has it, ``config.trigger.options`` for example.
-    kind : what it must hold; a field without a default must be given.
+    kind : the type of the struct; a field without a default must be given.
     table : name of the table in the file, "trigger.options" for example.
     device : whose options they are: "display", "shutter" or "camera".
     hint : where the options are explained.
@@ -191,7 +193,7 @@ def read_options(
     if not faults:
         try:
             return kind(**values)
-        except ValueError as err:  # of the struct's own check, which is about several keys
+        except ValueError as err:  # from the struct's own check of several keys
             raise _wrong([str(err)], table, device, hint) from err
     raise _wrong(faults, table, device, hint)
 
@@ -202,8 +204,9 @@ def merge_camera_options(
     """The options of a camera that is both readout and shutter, and the name of their table, for
     `read_options`: it is enough to give them in [camera.options] or in [trigger.options].
 
-    drivers : names of those that have them. start : what holds where nothing else is given.
-    Raises ConfigError where both tables say different things.
+    drivers : names of the drivers that have these options.
+    start : values where nothing else is given.
+    Raises ConfigError where the two tables contradict each other.
     """
     roles = (
         ("camera", config.camera.driver, config.camera.options),
@@ -228,7 +231,8 @@ def _wrong(faults: list[str], table: str, device: str, hint: str) -> ConfigError
 
 
 def describe_unknown_key(name: str, key: str, known: Collection[str]) -> str:
-    """Say that a table has no such key, and which is probably meant. `name` is its dotted name."""
+    """A message that a table has no such key, with the one that is probably meant. `name` is its
+    dotted name."""
     close = suggest_word(key, known)
     advice = f"; is {close} meant?" if close else f"; known are {', '.join(known)}"
     return f"{name}: no such key{advice}"
@@ -244,7 +248,7 @@ def _convert_field(value: Any, field: FieldInfo, name: str) -> Any:
 
 
 def _type_fault(name: str, message: str, kind: Any) -> str:
-    """Say a conversion error in the words of the file: the key first, no type notation marks."""
+    """A conversion error in the words of the file: the key first, no marks of type notation."""
     what, _, place = message.partition(" - at `$")
     if what.startswith("Invalid enum value"):
         values = re.findall(r"'([^']*)'", str(kind))
@@ -255,7 +259,8 @@ def _type_fault(name: str, message: str, kind: Any) -> str:
 
 
 def _suggest_value(key: str, value: Any, message: str, kind: Any) -> str:
-    """What to write in the place of a text that was to be a number, two of them, or a word."""
+    """What to write instead of a text where a number, a pair of numbers, or another word is
+    needed."""
     if not isinstance(value, str):
         return ""
     wanted = message.partition(", got")[0]
@@ -282,7 +287,7 @@ def format_toml(table: Mapping[str, Any], notes: Mapping[tuple[str, ...], str] =
 
     notes : comments, each for the key or the table at a path.
 
-    Values are what TOML knows: tables, arrays, strings, integers, floats, booleans, dates and
+    Values are those that TOML has: tables, arrays, strings, integers, floats, booleans, dates and
     times. A key whose value is None is left out, for TOML has no such value.
     """
     return "\n".join(_lines(table, (), notes)).strip() + "\n"
@@ -326,5 +331,5 @@ def _value(value: Any) -> str:
 
 
 def _string(text: str) -> str:
-    """Quote as a basic string: JSON's escapes are TOML's, but for DEL, which JSON leaves raw."""
+    """Quote as a basic string: JSON's escapes are TOML's, except for DEL, which JSON leaves raw."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

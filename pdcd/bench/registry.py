@@ -1,8 +1,8 @@
-"""Which drivers there are, and how to load one: a table of names, nothing imported until asked for.
+"""The table of drivers, and how to load one: nothing is imported until it is asked for.
 
 Drivers of other packages join by an entry point of the group `pdcd.drivers`, named
-``<role>.<name>`` (``display.acme``) and pointing at a class (``acme.pdcd:AcmeDisplay``). A name of
-pdcd's own cannot be taken over.
+``<role>.<name>`` (``display.acme``) and pointing at a class (``acme.pdcd:AcmeDisplay``). They
+cannot take over the name of one of pdcd's own drivers.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from pdcd.errors import DeviceLost, DriverUnavailable, PdcdError, to_typed_error
 logger = logging.getLogger(__name__)
 
 DriverRole = Literal["display", "shutter", "readout", "preview", "usb"]
-"""What a driver can be. The first three make a rig; a bench may have the others as well: `preview`
-is the camera's finder (`pdcd.bench.devices.Preview`), and `usb` a pyusb backend with devices on it
-that are not there, for drivers that ask for it (`DriverContext.usb_backend`)."""
+"""Roles of drivers. The first three make a rig; a bench may have the others as well: `preview` is
+the camera's finder (`pdcd.bench.devices.Preview`), and `usb` a pyusb backend with virtual devices,
+for drivers that ask for it (`DriverContext.usb_backend`)."""
 ROLES: tuple[DriverRole, ...] = get_args(DriverRole)
 _GROUP = "pdcd.drivers"
-"""Entry-point group of drivers that other packages bring."""
+"""Entry-point group for the drivers of other packages."""
 
 PACKAGE = "pdcd._drivers" if (Path(__file__).parents[1] / "_drivers").is_dir() else "drivers"
-"""Where pdcd's own drivers are: in a checkout beside it, in an installed wheel within it."""
+"""The package of pdcd's own drivers: beside pdcd in a checkout, within it in an installed wheel."""
 
 DRIVERS: Mapping[tuple[str, str], str] = {
     ("display", "dlpc-video"): f"{PACKAGE}.dlpc_video:DlpcVideoDisplay",
@@ -58,7 +58,7 @@ DRIVERS: Mapping[tuple[str, str], str] = {
 
 
 class _DriverClass(Protocol):
-    """What the registry asks of a driver's class, whatever its role."""
+    """What the registry needs of a driver's class, whatever its role."""
 
     maturity: str
     """One of ``broken``, ``experimental``, ``beta``, ``stable``; stored with every run."""
@@ -96,7 +96,7 @@ def load_driver(role: DriverRole, name: str) -> _DriverClass:
     Raises DriverUnavailable, worded apart, when the name is unknown, when the module does not
     import (a missing vendor library, say), and when the module lacks the class.
     """
-    # A name of pdcd's own cannot be taken over, so other packages need not be searched for it.
+    # Other packages cannot take over a name of pdcd's own, so they need not be searched for it.
     if own := DRIVERS.get((role, name)):
         return _import(role, name, own)
     known = list_known_drivers()
@@ -112,8 +112,8 @@ def load_driver(role: DriverRole, name: str) -> _DriverClass:
 
 @contextmanager
 def name_driver_errors(role: DriverRole) -> Iterator[None]:
-    """Turn what a driver raises that is no error of ours into one that names it: where drivers are
-    made and opened, a library of theirs may even end the program. Raises DeviceLost."""
+    """Turn foreign exceptions of a driver into DeviceLost, which names the driver. Used where
+    drivers are made and opened: their libraries may even try to end the program."""
     try:
         yield
     except (PdcdError, KeyboardInterrupt):
@@ -127,7 +127,7 @@ def name_driver_errors(role: DriverRole) -> Iterator[None]:
 
 
 def describe_drivers() -> list[dict[str, str | bool | None]]:
-    """One row a known driver, for `pdcd drivers`: what it is and, if unavailable, why.
+    """One row for each known driver, for `pdcd drivers`: what it is and, if unavailable, why.
 
     Every driver is imported to find out, but none is created: no device is touched.
     """
@@ -153,19 +153,20 @@ def describe_drivers() -> list[dict[str, str | bool | None]]:
 
 
 def import_driver_module(name: str) -> ModuleType:
-    """A module of pdcd's own drivers, by its name among them ("ptp.doctor"): what a command asks
-    for that knows which driver it is about. Raises ImportError."""
+    """A module of pdcd's own drivers, by its name among them ("ptp.doctor"); for commands that are
+    about one driver. Raises ImportError."""
     return importlib.import_module(f"{PACKAGE}.{name}")
 
 
 def _import(role: str, name: str, target: str) -> _DriverClass:
-    """Import "module:Class" and see that the class is a driver's."""
+    """Import "module:Class" and check that the class is a driver's."""
     module_name, _, class_name = target.partition(":")
     try:
         module = importlib.import_module(module_name)
     except KeyboardInterrupt:
         raise
-    # A driver's module may fail in any way its vendor's library finds; that costs this driver only.
+    # A driver's module may fail in any way that its vendor's library does; only this driver is lost
+    # then.
     except BaseException as err:
         why, remedy = _explain_failure(module_name, err)
         raise DriverUnavailable(
@@ -189,7 +190,7 @@ def _distribution(point: EntryPoint) -> str:
 
 def _explain_failure(module: str, error: BaseException) -> tuple[str, str]:
     """Why a driver's module does not import, and what to do about it."""
-    # Most drivers do import, and need nothing of it.
+    # Imported here because most drivers do import, and do not need it.
     from pdcd.extras import OPTIONAL, explain_missing, suggest_install
 
     why, remedy = f"{module} does not import: {type(error).__name__}: {error}", None

@@ -1,8 +1,8 @@
-"""How much light the stops of a lens let through: the one place that knows.
+"""The light of a lens's stops; no other module computes it.
 
 A lens is engraved with round numbers that stand for 2^(k/6), a third of a stop apart: f/13 for
-12.70, f/11 for 11.31. Each lens is true to that within some per cent only. So the light of two
-stops is compared exactly only where it was measured, by a calibration or in the run itself.
+12.70, f/11 for 11.31. A real lens keeps to that only within some per cent. So the light of two
+stops can be compared exactly only where it was measured, by a calibration or in the run itself.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ import msgspec
 from pdcd.errors import ExposureError
 
 _NEAR = 0.03
-"""A number so close to 2^(k/6) stands for it: engraved ones are at most 2.4 % off. Half stops and
-what is typed freely lie further away, and stay what they are."""
+"""Relative distance from 2^(k/6) within which a number stands for it: engraved ones are off by 2.4
+% at most. Half stops and freely typed numbers lie further away, and stay as they are."""
 STOP_SIGMA = 0.04
-"""Standard deviation of the light of a stop that nobody measured, relative: f-numbers are true to
+"""Standard deviation of the light of a stop that was not measured, relative: f-numbers are true to
 2 %, and light goes with their square."""
 
 
 _SAME = 0.06
-"""Share by which two f-numbers may differ and be of the same stop."""
+"""Relative difference up to which two f-numbers may be of the same stop."""
 
 
 class Stop(msgspec.Struct, frozen=True):
@@ -40,8 +40,8 @@ class Stop(msgspec.Struct, frozen=True):
 
 
 def stop_of(f_number: float, known: Iterable[Stop] = ()) -> Stop:
-    """The stop that is engraved so: one of those that are `known`, else 2^(k/6) and how sure that
-    is. Who divides light by the aperture asks."""
+    """The stop with that engraved number: the measured one if it is among `known`, else 2^(k/6)
+    with its uncertainty. To be used wherever light is divided by the aperture."""
     for stop in known:
         if math.isclose(stop.f_number, f_number, rel_tol=1e-3):
             return stop
@@ -51,7 +51,7 @@ def stop_of(f_number: float, known: Iterable[Stop] = ()) -> Stop:
 
 
 def compute_light_sigma(one: Stop, other: Stop) -> float:
-    """Relative standard deviation of the light of one stop over that of another."""
+    """Relative standard deviation of the ratio of two stops' light."""
     return 0.0 if one.f_number == other.f_number else math.hypot(one.sigma, other.sigma)
 
 
@@ -74,10 +74,10 @@ def are_same_stop(one: float, other: float) -> bool:
 def refuse_other_settings(
     file: str, said: tuple[int, float | None], iso: int, f_number: float
 ) -> None:
-    """Raise ExposureError for a photo that was taken at another ISO or stop than was asked for, by
-    what its file says: light and noise would be computed by the wrong one.
+    """Raise ExposureError for a photo whose file says another ISO or stop than was asked for: light
+    and noise would be computed from the wrong one.
 
-    said : ISO and f-number; 0 and None of a file that says nothing.
+    said : ISO and f-number; 0 and None for a file that says nothing.
     """
     if said[0] and said[0] != iso:
         raise ExposureError(

@@ -56,20 +56,21 @@ class RigConfig(_Table, frozen=True):
     retries: Annotated[int, Meta(ge=0, le=100)] = 2
     """How often an exposure is taken again, and how many passes' time one may take longer."""
     settle_s: NonNegative = 0.05
-    """Time on black between the shutter being open and the first code, and after the last."""
+    """Time on black between the shutter being open and the first code, and after the last code."""
     arrangement: ArrangementName = "coaxial"
-    """"off-axis": projector and camera look from two places, so that direct light does not come
-    back where it fell, but where depth and `plane` say; only then there are goals of depths."""
+    """"off-axis": projector and camera look from two places. Direct light then does not come back
+    where it fell, but where depth and `plane` say; goals of depth exist only here."""
     plane: _Homography | None = None
-    """Off-axis: homography from the camera's field to the projector's of the plane that disparities
-    count from; None: the field itself, as calibrated with a card in that plane."""
+    """Off-axis: homography from the camera's field to the projector's, for the plane from which
+    disparities are counted. None: the field itself, as calibrated with a card in that plane."""
     look_at_panels: bool = True
     """Whether coded captures take two short photos of random blocks, which show whether both
     panels lie where they are believed to."""
     misregistration_px: NonNegative = 0.0
     """Largest remaining offset between projector and mask, in projector pixels."""
     clock: Literal["virtual", "real"] = "virtual"
-    """The mock bench runs as fast as it can, or in real time; real devices are always real."""
+    """Whether the mock bench runs as fast as it can, or in real time; real devices are always
+    real."""
 
 
 class PanelConfig(_Table, frozen=True):
@@ -84,8 +85,8 @@ class PanelConfig(_Table, frozen=True):
     jitter_s: NonNegative = 0.0
     """Standard deviation of that delay, refresh by refresh."""
     scan_s: float = 0.0
-    """Time from the first row of pixels until the last one is set; negative: from the last row. The
-    row that comes first has the delay `skew_s`."""
+    """Time from setting the first row of pixels to setting the last one; negative: the last row
+    comes first. The first row to be set has the delay `skew_s`."""
     scan_bands: Annotated[int, Meta(ge=1, le=16384)] = 16
     """Bands of rows that are set together; as many as rows, or more: row by row."""
     rise_s: NonNegative = 0.0
@@ -94,14 +95,14 @@ class PanelConfig(_Table, frozen=True):
     contrast: PositiveFloat | None = None
     """White over black; None is a perfect black."""
     gamma: Gamma | None = None
-    """Light of a grey level over full light: (level / 255) to this power. None: nobody said, and
-    what is sent is taken as light, to the last digit."""
+    """Light of a grey level over full light: (level / 255) to this power. None: unknown; the levels
+    that are sent are then taken for light, to the last digit."""
     lut: Lut | None = None
-    """The same as a table, in the place of `gamma`: light of evenly spaced levels from 0 to 255,
+    """The same as a table, used instead of `gamma`: light of evenly spaced levels from 0 to 255,
     the first 0, the last 1; or the path of a text file with them."""
     offset_px: tuple[float, float] = (0.0, 0.0)
-    """Mask only: its image against the projector's (right, down), in projector pixels, as it is
-    left over: known, but not corrected. `place` corrects."""
+    """Mask only: remaining offset of its image from the projector's (right, down), in projector
+    pixels: known, but not corrected. `place` corrects."""
     blur_px: Annotated[float, Meta(ge=0.0, le=64.0)] = 0.0
     """Mask only: blur of the scene's light on it, standard deviation of a Gaussian in projector
     pixels."""
@@ -113,12 +114,12 @@ class PanelConfig(_Table, frozen=True):
 
     @property
     def field_box_px(self) -> tuple[int, int, int, int]:
-        """Of the projector: `field_px`, that of all of its picture included."""
+        """For the projector: `field_px`, or the box of its whole picture where that is None."""
         return (0, 0, *self.size_px) if self.field_px is None else self.field_px
 
     @property
     def field_size_px(self) -> tuple[int, int]:
-        """Of the projector: width and height of the field in its pixels."""
+        """For the projector: width and height of the field in its pixels."""
         return self.field_box_px[2:]
 
 
@@ -129,14 +130,14 @@ class FaultsConfig(_Table, frozen=True):
     """
 
     late: dict[str, Annotated[int, Meta(ge=1)]] = field(default_factory=dict)
-    """Refresh -> by how many refreshes it comes late (the one before is stretched)."""
+    """Refresh -> by how many refreshes it comes late (the one before lasts longer)."""
     dropped: tuple[int, ...] = ()
-    """Refreshes never shown: the one before stays for their time."""
+    """Refreshes never shown: the one before is shown in their place."""
     stale_mask: tuple[int, ...] = ()
     """Refreshes at which the mask keeps what it showed while the projector moves on."""
     stale_projector: tuple[int, ...] = ()
     exposures: Annotated[int, Meta(ge=0)] = 0
-    """How many exposures have these faults, from the first on; 0 is all."""
+    """How many exposures have these faults, counted from the first; 0 is all."""
 
 
 class DisplayConfig(_Table, frozen=True):
@@ -145,7 +146,7 @@ class DisplayConfig(_Table, frozen=True):
     driver: str = "mock"
     mask_delay_refreshes: Annotated[int, Meta(ge=-60, le=60)] = 0
     """Whole refreshes by which the mask is sent its frames later than the projector (negative:
-    earlier), to take out a latency of the other panel: -2 for a mask that is 2 refreshes late."""
+    earlier), to cancel a latency between the panels: -2 for a mask that is 2 refreshes late."""
     planes_per_refresh: Literal[1, 24] = 1
     """24: both panels are DLPs in video-pattern mode and show the 24 bits of each picture in turn,
     so that each refresh of the video signal carries 24 refreshes of a schedule."""
@@ -155,8 +156,8 @@ class DisplayConfig(_Table, frozen=True):
     """When each of the 24 planes begins, as a share of a refresh, ascending, as measured; each
     lasts until the next. Empty: all are equally long."""
     row_times: bool = False
-    """Whether the panels can be black for any time after each row, as DMDs can that show loaded
-    patterns by a clock of their own. Of the mock panels it says that they do."""
+    """Whether the panels can be black for any time after each row, like DMDs that show loaded
+    patterns by a clock of their own. For the mock panels it says that they can."""
     faults: FaultsConfig = field(default_factory=FaultsConfig)
     options: dict[str, Any] = field(default_factory=dict)
 
@@ -189,19 +190,19 @@ class CameraConfig(_Table, frozen=True):
     quads_per_cell: Annotated[int, Meta(ge=1, le=64)] = 1
     """Mock only: Bayer quads of the frame for each code cell, along either axis."""
     buckets: Literal[1, 2] = 1
-    """2: each exposure has two planes, and the second has what the mask's patterns keep out of the
-    first; for `method = "pairs"`. The mask is the sensor's own, or a mirror that sends light two
-    ways."""
+    """2: each exposure has two planes, and the second has the light that the mask's patterns keep
+    out of the first; for `method = "pairs"`. The mask is part of the sensor, or a mirror that sends
+    light two ways."""
     frame_quads: tuple[_Quads, _Quads] | None = None
-    """Mock only: width and height of the frame in Bayer quads, whatever the cells; None: by
-    `quads_per_cell`."""
+    """Mock only: width and height of the frame in Bayer quads, whatever the cells; None: computed
+    from `quads_per_cell`."""
     responsivity_e: (
         Annotated[tuple[PositiveFloat, ...], Meta(min_length=1, max_length=3)] | None
     ) = None
     """Electrons per scene unit and second at f/1 (R, G, B), or one number for a sensor without
     colours; None: the mock's own."""
     stops: Annotated[tuple[Stop, ...], Meta(max_length=128)] = ()
-    """Stops of the lens whose light a calibration compared; others are taken for 2^(k/6)."""
+    """Stops of the lens whose light a calibration compared; others are taken to be 2^(k/6)."""
     place: Placing = field(default_factory=Placing)
     """Where the camera's Bayer quads lie on the field."""
     blur_quads: Annotated[float, Meta(ge=0.0, le=64.0)] = 0.0
@@ -210,10 +211,10 @@ class CameraConfig(_Table, frozen=True):
     fetch_timeout_s: PositiveFloat = 60.0
     keep: KeepRawName = "all"
     """RAW files that a run keeps: all of them, that of its last shot, or none. A run without them
-    cannot be decoded again. Photos that come as samples then never touch the disk."""
+    cannot be decoded again. With "none", photos that come as samples never touch the disk."""
     readout_s: NonNegative | None = None
-    """Seconds that a photo costs beside its exposure, until its file is stored; None: as the camera
-    was seen to take. Says in how many exposures a plain request is taken."""
+    """Seconds that a photo takes beside its exposure, until its file is stored; None: as observed.
+    It decides into how many exposures a plain request is split."""
     options: dict[str, Any] = field(default_factory=dict)
 
 
@@ -285,15 +286,15 @@ class CalibrationConfig(_Table, frozen=True):
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")] | None = None
     """Digest that the calibration must have; None: any."""
     typed: dict[str, str] = field(default_factory=dict)
-    """Written by the program: values of devices, by key and as JSON, in whose place are measured
-    ones. A mock bench goes on being what was typed (`pdcd.bench.truth`)."""
+    """Written by the program: typed values of devices that measured ones have replaced, by key and
+    as JSON. A mock bench goes on being what was typed (`pdcd.bench.truth`)."""
     card_albedo: Annotated[float, Meta(gt=0.05, le=1.0)] | None = None
-    """What the white card reflects of the light on it, as its maker says: the absolute scale of all
-    photos goes by it. None: 0.9, to 5 %."""
+    """Share of the light on it that the white card reflects, as its maker says: the absolute scale
+    of all photos depends on it. None: 0.9, to 5 %."""
     check: Literal["daily", "always", "never"] = "daily"
-    """When a capture says that the bench should be checked first."""
+    """When a capture reminds the user to check the bench first."""
     max_age_days: PositiveFloat = 30.0
-    """A capture warns of an older calibration."""
+    """Age from which on a capture warns of the calibration."""
 
 
 class LimitsConfig(_Table, frozen=True):
@@ -305,14 +306,15 @@ class LimitsConfig(_Table, frozen=True):
     """Clients at a time. Beyond these, places are kept for root and the daemon's own user."""
     connections_per_user: Annotated[int, Meta(ge=1)] = 8
     queued_per_user: Annotated[int, Meta(ge=1)] = 16
-    """Jobs that wait. Neither holds for root and the daemon's own user."""
+    """Jobs that wait. Root and the daemon's own user are exempt from both limits."""
     idle_s: PositiveFloat = 300.0
-    """A client is parted from after this time without a job, a subscription or a request."""
+    """A client without a job, a subscription or a request is disconnected after this time."""
     work_bytes: Annotated[int, Meta(ge=2**28)] = 4 * 2**30
-    """Memory of the process that plans and decodes; a job that cannot fit is refused, and one that
-    wants more after all fails."""
+    """Memory of the process that plans and decodes. A job that cannot fit is refused; one that
+    turns out to need more fails."""
     work_silent_s: PositiveFloat = 120.0
-    """How long that process may give no sign of life before it is killed, and its job fails."""
+    """How long that process may stay without a sign of life before it is killed, and its job
+    fails."""
 
 
 class RoleConfig(_Table, frozen=True):
@@ -331,11 +333,11 @@ class ServerConfig(_Table, frozen=True):
     state_dir: str | None = None
     """None: $STATE_DIRECTORY under systemd, else $XDG_STATE_HOME/pdcd, else ~/.local/state/pdcd."""
     arrays: str | None = None
-    """Folder in which requests may name arrays, each client those that it may read itself; None:
-    nowhere."""
+    """Folder whose arrays requests may name; each client may use those that it can read itself.
+    None: no such folder."""
     allow_uids: tuple[int, ...] = ()
-    """More users than the daemon's own, root and its group's members (by socket mode). They may
-    shoot, as those in `shoot.uids` may."""
+    """Users allowed besides the daemon's own, root and the members of its group (by socket mode).
+    They may shoot, like those in `shoot.uids`."""
     look: RoleConfig = field(default_factory=RoleConfig)
     """See the rig, its jobs and their events."""
     shoot: RoleConfig = field(default_factory=RoleConfig)
@@ -369,10 +371,11 @@ class Config(_Table, frozen=True):
     server: ServerConfig = field(default_factory=ServerConfig)
 
     def code_grid(self, of_scene: tuple[int, int] | None = None) -> tuple[int, int]:
-        """Rows and columns of code cells: those of the schedule, else of the scene, else the usual.
+        """Rows and columns of code cells: those of the schedule, else of the scene, else the
+        default.
 
-        of_scene : grid of the mock scene once it is built, for a matrix file brings its own. Who
-        plans asks for the codes' cells here, who shows and who sees them, too.
+        of_scene : grid of the mock scene once it is built, for a matrix file brings its own. All
+            code that plans, shows or sees codes gets their cells here.
         """
         return self.schedule.cells or of_scene or self.scene.grid or DEFAULT_GRID
 

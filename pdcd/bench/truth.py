@@ -1,8 +1,9 @@
 """What a mock bench really is: the file that `[bench] truth` names.
 
 The configuration is what its user believes. The truth says where the bench differs, in the words of
-the configuration where there are any; what it leaves out is as typed, whatever a calibration has
-measured since: a bench does not move when it is measured. What the words mean: docs/mock-bench.md.
+the configuration where there are any. What it leaves out is as typed, even after a calibration has
+measured another value: a bench does not change when it is measured. What the words mean:
+docs/mock-bench.md.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ _Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 _Line = Annotated[int, Meta(ge=0)]
 _Level = Annotated[int, Meta(ge=0, le=255)]
 _Number = Annotated[int, Meta(ge=1)]
-"""Of an exposure, test exposures included: 1 is the first since the bench was opened."""
+"""Number of an exposure, test exposures included: 1 is the first since the bench was opened."""
 
 TYPED = ("projector", "mask", "camera", "trigger")
-"""Tables of devices, which are what was typed. In others are settings, as rig.settle_s: what a
-calibration chose there is what the program does from then on."""
+"""Tables of devices, whose truth is what was typed. Other tables hold settings, such as
+rig.settle_s: a value that a calibration chose there is what the program uses from then on."""
 LARGEST_BLUR = 64.0
-"""Projector pixels, or quads: beyond that there is no picture."""
+"""In projector pixels or quads: beyond that there is no picture."""
 
 
 class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -58,19 +59,21 @@ class TruePanel(_Table, frozen=True):
     place: Placing | None = None
     gamma: Gamma | None = None
     lut: Lut | None = None
-    """In the place of `gamma`. Where neither is said and nothing was typed, panels are linear."""
+    """Used instead of `gamma`. Where neither is given and nothing was typed, panels are linear."""
     clipped: tuple[_Level, _Level] | None = None
-    """Levels that it takes for black and for white, as one of limited range takes 16 and 235: those
-    beyond look like these. It comes before the curve."""
+    """Levels that it shows as black and as white: 16 and 235 for one of limited range. Levels
+    beyond look like these. This comes before the curve."""
     scan_s: float | None = None
-    """Time from the first row of pixels until the last one is set; negative: from the last row."""
+    """Time from setting the first row of pixels to setting the last one; negative: the last row
+    comes first."""
     scan_bands: Annotated[int, Meta(ge=1, le=16384)] | None = None
     """Bands of rows that are set together; as many as rows, or more: row by row."""
     falloff: _Share = 0.0
-    """Light that is lost in the corners; between, it goes by the square of the radius."""
+    """Share of the light that is lost in the corners; in between, the loss grows with the square of
+    the radius."""
     dead_rows: tuple[_Line, ...] = ()
     dead_columns: tuple[_Line, ...] = ()
-    """Lines of pixels that stay black whatever they are sent."""
+    """Lines of pixels that stay black whatever is sent to them."""
 
 
 class TrueCamera(_Table, frozen=True):
@@ -82,10 +85,10 @@ class TrueCamera(_Table, frozen=True):
     falloff: _Share = 0.0
     """Vignetting, as a panel's `falloff`."""
     samples: Annotated[int, Meta(ge=1, le=64)] | None = None
-    """Points along either axis of a quad at which the light is looked at; None: as many as a quad
-    has pixels of the mask, at least 2 and at most 32."""
+    """Points along either axis of a quad at which the light is sampled; None: as many as a quad has
+    pixels of the mask, at least 2 and at most 32."""
     tagged_s: PositiveFloat | None = None
-    """Exposure time that files tell of every photo; None: the true one."""
+    """Exposure time that the files of all photos give; None: the true one."""
 
 
 class TrueScene(_Table, frozen=True):
@@ -93,12 +96,13 @@ class TrueScene(_Table, frozen=True):
 
     ambient: NonNegative | None = None
     ambient_from: _Number = 1
-    """First exposure with that `ambient`: before it, the room is as the configuration says."""
+    """First exposure with that `ambient`: before it, the ambient light is as the configuration
+    says."""
     blur_px: Annotated[float, Meta(ge=0.0, le=LARGEST_BLUR)] | None = None
     """Blur from the scene to the mask: standard deviation of a Gaussian in projector pixels. The
     configuration has it as `mask.blur_px`."""
     blur_taps: Annotated[int, Meta(ge=3, le=15)] = 5
-    """Points along either axis at which that Gaussian is taken; an odd number."""
+    """Points along either axis at which that Gaussian is sampled; an odd number."""
 
 
 class _TrueTrigger(_Table, frozen=True):
@@ -107,16 +111,16 @@ class _TrueTrigger(_Table, frozen=True):
     lag_s: NonNegative | None = None
     jitter_s: NonNegative | None = None
     stretched: _Number | None = None
-    """Exposure in which the shutter is told late to close, as by a program that was stopped."""
+    """Exposure in which the shutter is told late to close, as by a program that was suspended."""
     stretch: Annotated[float, Meta(ge=1.0, le=100.0)] = 1.0
-    """How many times as long as it was meant to be that exposure is."""
+    """Duration of that exposure divided by the duration that was meant."""
 
 
 class TrueSensor(_Table, frozen=True):
     """[sensor] factors on the profile's own numbers, and what the lens lets through."""
 
     gain: PositiveFloat = 1.0
-    """DN for each electron, over what the profile says."""
+    """DN for each electron, relative to the profile."""
     read_noise: PositiveFloat = 1.0
     dark: PositiveFloat = 1.0
     full_well: PositiveFloat = 1.0
@@ -125,9 +129,9 @@ class TrueSensor(_Table, frozen=True):
     ) = None
     """As `camera.responsivity_e`; None: as typed."""
     stops: tuple[Stop, ...] = ()
-    """What stops let through, where that is not 2^(k/6); as `camera.stops`, without sigma."""
+    """Light of stops that deviate from 2^(k/6); as `camera.stops`, without sigma."""
     prnu: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
-    """Standard deviation of the samples' sensitivities, fixed by `camera.seed`."""
+    """Standard deviation of the samples' sensitivities, which `camera.seed` fixes."""
 
 
 class BenchTruth(_Table, frozen=True):
@@ -141,7 +145,7 @@ class BenchTruth(_Table, frozen=True):
     trigger: _TrueTrigger = field(default_factory=_TrueTrigger)
 
     def of(self, config: Config) -> Config:
-        """The configuration that would describe the bench as it is, in its own words."""
+        """A configuration that describes the bench as it really is."""
         replace, config = msgspec.structs.replace, restore_typed_values(config)
         camera, scene = config.camera, config.scene
         if self.sensor.responsivity_e is not None:
@@ -165,7 +169,7 @@ class BenchTruth(_Table, frozen=True):
             mask = replace(mask, blur_px=self.scene.blur_px)
         return replace(
             config,
-            # The scene lies on the projector's whole picture, whatever part of it codes fill.
+            # The scene covers the projector's whole picture, whatever part of it codes fill.
             projector=replace(_panel(config.projector, self.projector), field_px=None),
             mask=mask,
             camera=camera,
@@ -175,9 +179,10 @@ class BenchTruth(_Table, frozen=True):
 
 
 def restore_typed_values(config: Config) -> Config:
-    """The configuration with what was typed of its devices in the place of what was measured.
+    """The configuration with the typed values of its devices in place of the measured ones.
 
-    Raises ConfigError for values that cannot be read."""
+    Raises ConfigError for values that cannot be read.
+    """
     replace, typed = msgspec.structs.replace, config.calibration.typed
     for table in TYPED if typed else ():
         used = getattr(config, table)
@@ -217,7 +222,7 @@ def _panel(believed: PanelConfig, true: TruePanel) -> PanelConfig:
 
 
 def load_bench_truth(config: Config) -> BenchTruth:
-    """The truth of a configuration's mock bench; without a file, all of it as typed.
+    """The truth of a configuration's mock bench; without a file, everything as typed.
 
     Raises ConfigError naming all faults of the file, one a line.
     """
@@ -231,7 +236,7 @@ def load_bench_truth(config: Config) -> BenchTruth:
 
 
 def read_bench_truth(source: Path, config: Config) -> tuple[BenchTruth, list[ConfigFault]]:
-    """Read the file of a truth, and all its faults; a key at fault stands at its default.
+    """Read the file of a truth, and all its faults; a key with a fault has its default value.
 
     Raises ConfigError for what is no TOML file.
     """
@@ -249,11 +254,11 @@ def read_bench_truth(source: Path, config: Config) -> tuple[BenchTruth, list[Con
 
 
 def _faults(truth: BenchTruth, config: Config) -> Iterator[ConfigFault]:
-    """Yield what the types alone do not exclude."""
+    """Yield the faults that the types alone do not exclude."""
     numbers = list(find_number_faults(msgspec.to_builtins(truth), ""))
     yield from numbers
     if numbers:
-        return  # what follows from such numbers is no news
+        return  # the rest would only repeat the same fault
     if truth.scene.blur_taps % 2 == 0:
         yield ConfigFault(("scene.blur_taps",), "scene.blur_taps: must be odd")
     if truth.projector.offset_px is not None:
@@ -294,7 +299,7 @@ def _panel_faults(
 
 
 def find_scan_fault(name: str, panel: PanelConfig, settle_s: float) -> ConfigFault | None:
-    """What to say of rows that are not black when the shutter closes; None when they are."""
+    """The fault of rows that are not black when the shutter closes; None where they are."""
     if not panel.scan_s or abs(panel.scan_s) + abs(panel.skew_s) <= settle_s:
         return None
     return ConfigFault(
