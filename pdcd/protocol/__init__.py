@@ -1,3 +1,2 @@
-"""What clients and daemon say to each other: requests, events, messages, and views of runs. Every
-floor above speaks these types; nothing here opens a file or a device.
-"""
+"""The messages between clients and daemon: requests, events, answers, and views of runs. Every
+floor above uses these types; nothing here opens a file or a device."""

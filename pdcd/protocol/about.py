@@ -1,6 +1,6 @@
-"""What people are told of a field of a request, written beside its type.
+"""The description of a request's field for people, written beside its type.
 
-`pdcd.protocol.fields` reads it, and from there come the options of the command line, the keywords
+`pdcd.protocol.fields` reads it. From there it reaches the options of the command line, the keywords
 from Python, the form of the page, refusals in words, and docs/request.md.
 """
 
@@ -27,19 +27,21 @@ GROUPS: Mapping[_GroupName, tuple[str, str]] = {
     "run": ("the run", "where it goes, and labels to find it by"),
     "calibration": ("calibration", "what a bench measures of itself, by steps"),
 }
-"""Title of each group of fields, and a line below it."""
+"""Title of each group of fields, and the line below it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FieldDescription:
-    """What people are told of a field beside its text; `describe_field` writes it.
+    """What people are told about a field besides its text; `describe_field` makes it.
 
-    group : where it is shown. metavar : what stands for its value on the command line, or for each
-    of its values. option : its name there where that is not the field's own. needed_by, taken_by :
-    goals that it is a parameter of; none: it is not one of goals. common : whether the form of the
-    page shows it at once. one_is_both : whether one number may be typed for a pair of equal ones.
-    switched : help of the two switches of a field that takes true, false or a word. worded : how
-    values begin that are no file, of a field that takes files.
+    group : where the field is shown.
+    option : its name on the command line, where that is not the field's own.
+    metavar : stands for its value on the command line, or for each of its values.
+    needed_by, taken_by : goals that it is a parameter of; both empty: it is no parameter of goals.
+    common : whether the form of the page shows it at once.
+    one_is_both : whether one number may be typed for a pair of equal ones.
+    switched : help of the two switches of a field that takes true, false or a word.
+    worded : for a field that takes files, the prefixes of values that are not files.
     """
 
     group: _GroupName
@@ -61,11 +63,11 @@ def describe_field(
     takes: str = "",
     **more: Any,
 ) -> Meta:
-    """Annotate a field with what people are told of it.
+    """Annotate a field with its description for people.
 
     text : what it is, without a capital or a full stop; also `description` of the JSON Schema.
-    takes : what its values are, in words, where its type does not say it well. All else : fields of
-    `FieldDescription`.
+    takes : its possible values in words, where its type does not say it well.
+    All else : fields of `FieldDescription`.
     """
     extra: dict[str, object] = {"about": FieldDescription(group=group, metavar=metavar, **more)}
     if takes:

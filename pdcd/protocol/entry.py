@@ -1,4 +1,4 @@
-"""What is told of runs on disk, and asked of them: values alone, and nothing that reads them."""
+"""Entries of runs on disk, and queries for them: values only, without the code that reads runs."""
 
 from __future__ import annotations
 
@@ -38,27 +38,27 @@ class RunEntry(msgspec.Struct, frozen=True, kw_only=True):
     goal: str | None = None
     method: str | None = None
     codes: int | None = None
-    """Pairs of patterns; of a run without a manifest, as planned."""
+    """Pairs of patterns; as planned for a run without a manifest."""
     exposure_s: float | None = None
     rms_error_quads: float | None = None
-    """Against a known truth, relative to the RMS of the picture."""
+    """Measured against a known truth, relative to the RMS of the picture."""
     rms_error_cells: float | None = None
-    """The same of means over the cells."""
+    """The same for means over the cells."""
     rms_sigma: float | None = None
-    """What the run itself expects its error to be, relative likewise."""
+    """The error that the run itself expects, relative to the RMS of the picture, too."""
     verdict: VerdictName | None = None
     mock: bool | None = None
     user: str | None = None
     started_utc: str | None = None
     finished_utc: str | None = None
     taken: str | None = None
-    """Of a run that was cut: as "3 of 5 shots, missing: black, coded-4"."""
+    """For a run that was cut: a text such as "3 of 5 shots, missing: black, coded-4"."""
     reason: str | None = None
     """Why there is no finished run, in words."""
 
     @property
     def failed(self) -> bool:
-        """Whether no whole run came of it."""
+        """Whether it has ended without a complete run."""
         return self.state not in ("done", "running")
 
 
@@ -71,16 +71,16 @@ class RunQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     newest: Annotated[int, Meta(ge=1, le=MOST_RUNS)] = 50
     before: Annotated[str, Meta(max_length=4096)] | None = None
     since: Annotated[datetime, Meta(tz=True)] | None = None
-    """Started then or later."""
+    """Started at that time or later."""
     goal: GoalName | None = None
     name: Label | None = None
     job: Annotated[str, Meta(max_length=64)] | None = None
     tags: Annotated[tuple[Tag, ...], Meta(max_length=16)] = ()
-    """All of these."""
+    """Runs that have all of these."""
     failed: bool = False
-    """Only those of which no whole run came."""
+    """Only runs that ended without being complete."""
     previews: bool = False
-    """Quick looks, too."""
+    """Previews, too."""
 
 
 class Page(msgspec.Struct, frozen=True, kw_only=True):
@@ -91,6 +91,6 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
     more: str | None = None
     """Give it as `before` for the runs that follow; null where there are none."""
     closed: tuple[str, ...] = ()
-    """Folders below the state folder that could not be looked at, up to ten of them."""
+    """Folders below the state folder that could not be read, up to ten of them."""
     cut: bool = False
-    """Whether the state folder holds more names than are looked at."""
+    """Whether the state folder holds more names than are read."""

@@ -1,4 +1,4 @@
-"""What a job tells while it runs: one struct for each type of event, and they are the schema.
+"""The events of a job while it runs: one struct for each type of event. The structs are the schema.
 
 ::
 
@@ -8,8 +8,8 @@
 
     At any place instead: failed | cancelled
 
-The engine makes them and leaves the common fields at their defaults; the daemon numbers them, says
-when they happened, and sends them to its clients. log.jsonl of a run keeps all but `JobQueued`, the
+The engine makes them and leaves the common fields at their defaults. The daemon numbers them, adds
+the time, and sends them to its clients. log.jsonl of a run keeps all except `JobQueued`, the
 thinned ones (`THINNED`) and `JobDone`.
 """
 
@@ -45,7 +45,7 @@ class Event(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def type(self) -> str:
-        """Name of the event, as the wire has it."""
+        """Name of the event in messages."""
         return str(self.__struct_config__.tag)
 
 
@@ -234,15 +234,16 @@ KnownEvent = (
     | JobFailed
     | JobCancelled
 )
-"""Every event that this version sends, in the order in which a job may tell them."""
+"""Every event that this version sends, in the order in which a job may send them."""
 
 TYPES: Mapping[str, type[Event]] = MappingProxyType(
     {str(kind.__struct_config__.tag): kind for kind in get_args(KnownEvent)}
 )
-"""The structs by the name of their type."""
+"""The structs by the names of their types."""
 
 THINNED = (PlanningProgress, Progress, DecodingProgress)
-"""Come many times a second; of those the newest counts, so that any may be left out."""
+"""Events that come many times a second. Only the newest one matters, so that any may be left
+out."""
 
 ENDS = (JobDone, JobFailed, JobCancelled)
 """The last event of a job is one of these."""
@@ -260,11 +261,11 @@ class UnknownEvent(Event, frozen=True, kw_only=True):
     tag: str
     """Name of its type."""
     fields: dict[str, Any]
-    """All beside the common ones, in JSON types."""
+    """All fields except the common ones, in JSON types."""
 
     @property
     def type(self) -> str:
-        """Name of the event, as the wire has it."""
+        """Name of the event in messages."""
         return self.tag
 
 
@@ -287,7 +288,7 @@ def make_end_event(result: CaptureResult) -> JobDone | JobFailed | JobCancelled:
 
 
 def decode_event(wire: Mapping[str, Any]) -> Event:
-    """The event in JSON types as a struct; unknown fields are ignored, unknown types
+    """The struct for an event in JSON types. Unknown fields are ignored; an unknown type becomes
     `UnknownEvent`."""
     kind = TYPES.get(str(wire.get("type")))
     if kind is not None:
@@ -298,7 +299,7 @@ def decode_event(wire: Mapping[str, Any]) -> Event:
 
 
 def pick_event_fields(event: Event) -> dict[str, Any]:
-    """What an event says beside the common fields, in JSON types."""
+    """The fields of an event except the common ones, in JSON types."""
     if isinstance(event, UnknownEvent):
         return event.fields
     told: dict[str, Any] = msgspec.to_builtins(event)
@@ -306,13 +307,13 @@ def pick_event_fields(event: Event) -> dict[str, Any]:
 
 
 def encode_event(event: Event) -> dict[str, Any]:
-    """The event in JSON types, as it goes over the socket."""
+    """The event in JSON types, as it is sent over the socket."""
     head = {"job": event.job, "seq": event.seq, "type": event.type, "t_mono_ns": event.t_mono_ns}
     return {**head, **pick_event_fields(event)}
 
 
 def to_log_entry(event: Event, now_ns: int) -> dict[str, Any]:
-    """The event as log.jsonl has it: the time is what the event says, else `now_ns`."""
+    """The event as in log.jsonl: its time is that of the event, or `now_ns` where it has none."""
     head: dict[str, Any] = {"t_mono_ns": event.t_mono_ns or now_ns, "event": event.type}
     if event.job:
         head["job"] = event.job

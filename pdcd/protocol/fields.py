@@ -1,7 +1,7 @@
-"""The fields of a request as values: what each is called, takes, and is refused for.
+"""The fields of a request as values: the name of each, what it takes, and how it refuses a value.
 
-Read once from `CaptureRequest` (or another struct of parameters). Whoever shows fields to people
-goes through them in a loop: the command line, the page, `pdcd.api.arguments`, docs/request.md.
+They are read once from `CaptureRequest` (or another struct of parameters). All code that shows
+fields to people loops over them: the command line, the page, `pdcd.api.arguments`, docs/request.md.
 """
 
 from __future__ import annotations
@@ -20,17 +20,18 @@ from pdcd.protocol.about import FieldDescription
 from pdcd.protocol.request import CaptureRequest, SentArray
 
 _KindName = Literal["switch", "choice", "number", "numbers", "words", "text", "array", "file"]
-"""A yes or no; one of some words; a number, or one of some words in its place; as many numbers as
-there are; any words; a text; an array; a file of arrays, or a text in its place."""
+"""The kinds of fields, in this order: a yes or no; one of some words; a number, or one of some
+words in its place; a fixed count of numbers; any words; a text; an array; a file of arrays, or a
+text in its place."""
 
 _Bounds = Mapping[str, float]
 _S = TypeVar("_S", bound=msgspec.Struct)
 
 _MOST_SHOWN_BYTES = 200
-"""Longest value in JSON of which a refusal shows anything."""
+"""Longest value in JSON, in bytes, that a refusal shows."""
 
 UNTOLD = FieldDescription(group="run")
-"""Of a field of which nothing is told beside its type."""
+"""For a field without a description."""
 
 
 class FieldError(ValueError):
@@ -41,11 +42,15 @@ class FieldError(ValueError):
 class Field:
     """One field.
 
-    type : as annotated. optional : whether it may be None, which is left out. default : None where
-    there is none. text : what it is. takes : what its values are, in words; empty where these
-    say nothing. words : those that it
-    may be. whole : whether its numbers are whole. count : how many numbers it has. share : whether
-    its number lies between 0 and 1.
+    type : as annotated.
+    optional : whether it may be None, which means left out.
+    default : None where there is none.
+    text : what it is.
+    takes : its possible values in words; empty where its type does not give them.
+    words : the words that it may be.
+    whole : whether its numbers are whole.
+    count : how many numbers it has.
+    share : whether its number lies between 0 and 1.
     """
 
     name: str
@@ -63,7 +68,7 @@ class Field:
 
     @property
     def label(self) -> str:
-        """Its name for people, whose words say the unit."""
+        """Its name for people, without the suffix of the unit."""
         return self.name.removesuffix("_s").replace("_", " ")
 
     @property
@@ -72,12 +77,13 @@ class Field:
         return (*self.about.needed_by, *self.about.taken_by)
 
     def is_file(self, value: Any) -> bool:
-        """Whether a value is a file or its name, and nothing that is said in words."""
+        """Whether a value is a file or the name of one, and not one of the worded values."""
         words = isinstance(value, str) and value.startswith(self.about.worded)
         return self.kind == "array" or (self.kind == "file" and not words)
 
     def refusal(self, value: Any, called: str = "") -> str:
-        """Say that it does not take that value. `called` is the option that it was given by."""
+        """The message that it does not take that value. `called` is the option with which it was
+        given."""
         shown = "" if self.kind in ("text", "words") else _shown(value)
         takes = f"1 or {self.takes}" if called and self.about.one_is_both else self.takes
         told = f"{called} takes" if called else f"{self.name}: it takes"
@@ -88,11 +94,12 @@ class Field:
 
     @functools.cached_property
     def decoder(self) -> msgspec.json.Decoder[Any]:
-        """Of its values; made once, for it takes longer than many of them do."""
+        """Decodes its values; made once, because making it takes longer than decoding many of
+        them."""
         return msgspec.json.Decoder(self.type)
 
     def check(self, raw: msgspec.Raw) -> None:
-        """Raise FieldError, with `refusal`, where a value in JSON is not its own."""
+        """Raise FieldError, with `refusal`, where the field does not take a value in JSON."""
         try:
             self.decoder.decode(raw)
         except (ValueError, OverflowError, RecursionError) as err:
@@ -103,7 +110,7 @@ class Field:
         """The value in the field's own type. Raises FieldError with `refusal`."""
         try:
             return msgspec.convert(value, self.type, strict=True)
-        # Besides its own error, what numbers and depths beyond all measure make Python raise.
+        # Besides msgspec's error: what Python raises for huge numbers and for too deep nesting.
         except (ValueError, OverflowError, RecursionError) as err:
             raise FieldError(self.refusal(value, called)) from err
 
@@ -115,7 +122,7 @@ def fields_of(kind: type[msgspec.Struct]) -> Mapping[str, Field]:
 
 
 def list_request_fields() -> Mapping[str, Field]:
-    """Those of a photo."""
+    """The fields of a request for a photo."""
     return fields_of(CaptureRequest)
 
 
@@ -127,15 +134,15 @@ def list_needed_fields(goal: str) -> tuple[str, ...]:
 
 
 def list_optional_fields(goal: str) -> tuple[str, ...]:
-    """Parameters that a goal may be given besides."""
+    """Further parameters that a goal may be given."""
     return tuple(
         field.name for field in list_request_fields().values() if goal in field.about.taken_by
     )
 
 
 def convert_fields(kind: type[msgspec.Struct], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of some fields of a struct, each in the field's own type; those that are None are
-    left out. Raises FieldError."""
+    """Values of some fields of a struct, each in the field's own type; None values are left out.
+    Raises FieldError."""
     fields = fields_of(kind)
     return {n: fields[n].convert(value) for n, value in values.items() if value is not None}
 
@@ -143,9 +150,9 @@ def convert_fields(kind: type[msgspec.Struct], values: Mapping[str, Any]) -> dic
 def decode_struct(data: bytes | msgspec.Raw, kind: type[_S]) -> _S:
     """A message in JSON as its struct.
 
-    Nothing is made of what the struct has no place for, so that a line costs no more than its
-    length. Raises FieldError where one of its fields is wrong; for all else what msgspec and Python
-    raise: ValueError, OverflowError, RecursionError.
+    Fields that the struct does not have are not decoded, so that a line costs no more than its
+    length. Raises FieldError where one of its fields is wrong; for everything else the errors of
+    msgspec and Python: ValueError, OverflowError, RecursionError.
     """
     whole, loose = _decoders(kind)
     try:
@@ -166,14 +173,15 @@ def decode_struct(data: bytes | msgspec.Raw, kind: type[_S]) -> _S:
 def _decoders(
     kind: type[msgspec.Struct],
 ) -> tuple[msgspec.json.Decoder[Any], msgspec.json.Decoder[Any]]:
-    """Of a struct, and of one that takes anything as its fields."""
+    """The decoder of a struct, and that of a struct with the same names whose fields take
+    anything."""
     names = [(name, msgspec.Raw | UnsetType, UNSET) for name in kind.__struct_fields__]
     loose = msgspec.defstruct(f"Loose{kind.__name__}", names)
     return msgspec.json.Decoder(kind), msgspec.json.Decoder(loose)
 
 
 def _decode_any(raw: msgspec.Raw) -> Any:
-    """A value in JSON types; one that is not shown where Python has none for it."""
+    """A value in JSON types; where Python cannot decode it, a value that no refusal shows."""
     try:
         return msgspec.json.decode(raw)
     except (ValueError, RecursionError):
@@ -226,7 +234,7 @@ def _kind(options: list[Any], words: tuple[str, ...]) -> _KindName:
 
 
 def _bare(kind: Any) -> tuple[Any, list[Meta]]:
-    """A type without its annotations, and these."""
+    """A type without its annotations, and the annotations."""
     if get_origin(kind) is Annotated:
         inner, *metas = get_args(kind)
         return inner, [meta for meta in metas if isinstance(meta, Meta)]
@@ -234,7 +242,7 @@ def _bare(kind: Any) -> tuple[Any, list[Meta]]:
 
 
 def _options(kind: Any) -> tuple[Any, ...]:
-    """The types of a union, or the one that it is."""
+    """The types of a union, or the single type."""
     return get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
 
 
@@ -244,20 +252,20 @@ def _words(kind: Any) -> tuple[str, ...]:
 
 
 def _is_row(kind: Any) -> bool:
-    """Whether it is a tuple of so many numbers."""
+    """Whether it is a tuple of a fixed count of numbers."""
     bare = _bare(kind)[0]
     return get_origin(bare) is tuple and Ellipsis not in get_args(bare)
 
 
 def _bounds(kind: Any) -> _Bounds:
-    """Bounds of a number by the names that msgspec has for them."""
+    """Bounds of a number by their names in msgspec."""
     names = ("gt", "ge", "lt", "le", "multiple_of")
     told = ((name, getattr(meta, name)) for meta in _bare(kind)[1] for name in names)
     return {name: value for name, value in told if value is not None}
 
 
 def _takes(kind: Any) -> str:
-    """What values of a type are, in words; its own where it has some."""
+    """The values of a type in words; the words of its annotation where it has some."""
     bare, metas = _bare(kind)
     for meta in metas:
         if meta.extra and "takes" in meta.extra:
@@ -293,7 +301,7 @@ def _either(words: Sequence[str]) -> str:
 
 
 def _noun(kind: Any, article: str = "") -> str:
-    """What a number is called: "a multiple of 4", "whole number"."""
+    """The noun for a number: "a multiple of 4", "whole number"."""
     several = _bounds(kind).get("multiple_of")
     if several is not None:
         return f"{article}multiple of {several:g}"
@@ -301,7 +309,7 @@ def _noun(kind: Any, article: str = "") -> str:
 
 
 def _range(kind: Any) -> str:
-    """Between which bounds it lies: "from 1 to 64", "over 0 and below 1"."""
+    """The bounds of a number in words: "from 1 to 64", "over 0 and below 1"."""
     bounds = dict(_bounds(kind))
     if _bare(kind)[0] is int and "lt" in bounds:
         bounds["le"] = bounds.pop("lt") - 1
@@ -311,7 +319,7 @@ def _range(kind: Any) -> str:
 
 
 def _shown(value: Any) -> str:
-    """A value in few characters that can be printed; none where that cannot be done."""
+    """A value in a few printable characters; "" where that is not possible."""
     row = isinstance(value, list | tuple)
     parts = value if row and len(value) <= 9 else [value]
     if not all(isinstance(part, str | bool | float) or _is_short(part) for part in parts):
@@ -332,4 +340,4 @@ def _figure(number: float) -> str:
 ARRAY_FIELDS = tuple(
     field.name for field in list_request_fields().values() if field.kind == "array"
 )
-"""Fields of a photo that are arrays; others may be files of several."""
+"""Fields of a photo that are arrays. Other fields may be files with several arrays."""

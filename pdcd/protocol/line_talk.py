@@ -32,7 +32,8 @@ class UnreachableError(ConnectionError):
 
 
 class LineTalk:
-    """One connection, for one thread; `pdcd.client.Client` says what can be asked on it."""
+    """One connection, for one thread; `pdcd.client.Client` has the methods that can be called on
+    it."""
 
     def __init__(self, socket_path: Path | str, timeout_s: float) -> None:
         self._path = str(socket_path)
@@ -47,15 +48,15 @@ class LineTalk:
         self._sock.settimeout(timeout_s)
 
     def close(self) -> None:
-        """Part from the daemon. Idempotent; ends a wait of another thread, too."""
-        with contextlib.suppress(OSError):  # not connected, or no more
+        """Close the connection. Idempotent; ends a wait of another thread, too."""
+        with contextlib.suppress(OSError):  # not connected, or no longer
             self._sock.shutdown(socket.SHUT_RDWR)
         self._sock.close()
         while self._fds:
             os.close(self._fds.popleft())
 
     def _connect(self) -> None:
-        """Connect; a full backlog is no missing daemon, but one with much to do."""
+        """Connect. A full backlog means that the daemon is busy, not that it is missing."""
         until_s = time.monotonic() + self._timeout_s
         while not self._connected():
             if time.monotonic() > until_s:
@@ -81,7 +82,7 @@ class LineTalk:
     def _send(
         self, method: str, params: Mapping[str, object] | None, fds: Sequence[int] = ()
     ) -> int:
-        """Ask one thing, with file descriptors that stay ours; returns the request's id."""
+        """Send one request, with file descriptors that stay open here; returns the request's id."""
         self._next_id += 1
         message: dict[str, object] = {
             "jsonrpc": "2.0",
@@ -104,7 +105,7 @@ class LineTalk:
             raise ProtocolError(f"{len(fds)} descriptors", hint=f"at most {MAX_FDS} are allowed")
         try:
             self._sock.settimeout(self._timeout_s)
-            # Descriptors go with the first byte, which need not be all that the kernel takes.
+            # Descriptors go with the first bytes; the kernel need not take the whole line at once.
             sent = socket.send_fds(self._sock, [line], fds) if fds else 0
             self._sock.sendall(line[sent:])
         except OSError as err:
@@ -113,7 +114,7 @@ class LineTalk:
         return self._next_id
 
     def _last_words(self) -> PdcdError | None:
-        """Why the daemon has closed the connection, if it said so."""
+        """The reason why the daemon closed the connection, if it gave one."""
         try:
             while True:
                 message = self._receive(0.0)
@@ -140,7 +141,8 @@ class LineTalk:
                 return message
 
     def _receive(self, timeout_s: float | None) -> dict[str, Any]:
-        """The next message. Raises Unreachable at the end of the stream or after the timeout."""
+        """The next message. Raises UnreachableError at the end of the stream or after the
+        timeout."""
         while not self._lines:
             try:
                 self._sock.settimeout(timeout_s)

@@ -1,8 +1,8 @@
 """Every message of the socket as a value, and the table of methods.
 
-The wire is JSON-RPC 2.0, one object a line (https://www.jsonrpc.org/specification). Parameters
-refuse unknown fields, so that a misspelt one is not silently ignored; what the server sends may
-gain fields, and clients ignore those they do not know.
+The wire format is JSON-RPC 2.0, one object a line (https://www.jsonrpc.org/specification).
+Parameters refuse unknown fields, so that a misspelt one is not silently ignored. Messages of the
+server may gain fields, and clients ignore fields that they do not know.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ PROTOCOL = (1, 0)
 """Major and minor version: a major change breaks clients, a minor one only adds."""
 
 MAX_LINE = 2**20
-"""Longest line either way, in bytes, its newline included."""
+"""Longest line in either direction, in bytes, its newline included."""
 
 MAX_FDS = 16
-"""Descriptors that one connection may have sent and not yet named in a request, and the most that
-its unanswered requests may hold."""
+"""Most descriptors that one connection may have sent without naming them in a request, and most
+that its unanswered requests may hold."""
 
 PARSE_ERROR, _INVALID_REQUEST, METHOD_NOT_FOUND, _INVALID_PARAMS, _INTERNAL_ERROR = (
     -32700,
@@ -226,7 +226,7 @@ class JobList(msgspec.Struct, frozen=True):
 
     jobs: list[JobView]
     found: Page | None = None
-    """The runs of the state folder that `find` asked for, those of the jobs among them."""
+    """The runs of the state folder that `find` asked for, including those of the jobs."""
 
 
 class Status(msgspec.Struct, frozen=True, kw_only=True):
@@ -303,9 +303,9 @@ class ErrorObject(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Method:
-    """What a method takes and gives, and who may call it; `result` is used for the schema only.
+    """What a method takes and returns, and who may call it; `result` is used for the schema only.
 
-    `takes_fds` tells that descriptors may come with it.
+    `takes_fds` says that descriptors may come with it.
     """
 
     params: type[msgspec.Struct]
@@ -320,24 +320,24 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "ping": Method(NoParams, Pong),
         "rig.status": Method(NoParams, Status),
         "rig.describe": Method(NoParams, RigDescription),
-        # It holds paths, ports, and who may do what: nothing that a mere onlooker needs.
+        # It has paths, ports, and who may do what: nothing that a client who only looks needs.
         "config.get": Method(NoParams, Config, ClientRole.SHOOT),
         "capture.plan": Method(PlanParams, PlanSummary, ClientRole.SHOOT, takes_fds=True),
         "capture.start": Method(StartParams, Admission, ClientRole.SHOOT, takes_fds=True),
         "capture.wait": Method(JobParams, CaptureResult),
-        # Another user's job: administrators only (`pdcd.server.methods`).
+        # For another user's job, administrators only (`pdcd.server.methods`).
         "capture.cancel": Method(JobParams, CaptureResult, ClientRole.SHOOT),
         "capture.list": Method(ListParams, JobList),
         "calibrate.start": Method(CalibrateParams, Admission, ClientRole.SHOOT),
-        # Another user's job: administrators only, as with capture.cancel.
+        # For another user's job, administrators only, as with capture.cancel.
         "calibrate.proceed": Method(JobParams, Admission, ClientRole.SHOOT),
         "display.show": Method(ShowParams, ShowReply, ClientRole.SHOOT),
         "preview.grab": Method(NoParams, PreviewView, ClientRole.SHOOT),
         "preview.live": Method(LiveParams, Admission, ClientRole.SHOOT),
-        # Another user's job: administrators only, as with capture.cancel.
+        # For another user's job, administrators only, as with capture.cancel.
         "preview.frame": Method(FrameParams, LiveFrame, ClientRole.SHOOT),
         "stream.start": Method(StreamParams, Admission, ClientRole.SHOOT, takes_fds=True),
-        # Another user's job: administrators only, as with capture.cancel.
+        # For another user's job, administrators only, as with capture.cancel.
         "stream.frame": Method(StreamFrameParams, StreamFrame, ClientRole.SHOOT),
         "stream.record": Method(JobParams, CaptureResult, ClientRole.SHOOT),
         "events.subscribe": Method(SubscribeParams, Subscription),
@@ -361,7 +361,7 @@ def _number(value: object) -> int | float:
 
 
 def make_error_object(error: PdcdError, code: int | None = None) -> ErrorObject:
-    """The error as a reply carries it; `code` overrides the one of its kind."""
+    """The error as an answer carries it; `code` replaces the code of its kind."""
     data = ErrorData(kind=error.kind, device=error.device, hint=error.hint)
     return ErrorObject(CODES[error.kind] if code is None else code, error.message, data)
 
@@ -378,7 +378,7 @@ def build_message_schema() -> dict[str, Any]:
     leaves += [*notifications.values(), ErrorObject]
     schemas, definitions = msgspec.json.schema_components(leaves, ref_template="#/$defs/{name}")
     for kind in events.TYPES.values():
-        # The engine leaves the common fields out; what is sent has all.
+        # The engine leaves out the common fields; events that are sent have all of them.
         sent = definitions[kind.__name__]
         sent["required"] = list(sent["properties"])
         for name in events.COMMON_FIELDS:
@@ -394,7 +394,7 @@ def build_message_schema() -> dict[str, Any]:
 
 
 def check_version(hello: Mapping[str, Any]) -> None:
-    """Raise ProtocolError when this client is not for that server."""
+    """Raise ProtocolError when this client does not fit that server."""
     major, minor = hello["protocol"]
     if major != PROTOCOL[0] or minor < PROTOCOL[1]:
         raise ProtocolError(
@@ -404,7 +404,7 @@ def check_version(hello: Mapping[str, Any]) -> None:
 
 
 def convert_reply(value: Any, kind: type[_T]) -> _T:
-    """The value as that type. Raises ProtocolError when it is none."""
+    """The value in that type. Raises ProtocolError when it does not fit."""
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as err:
@@ -412,7 +412,7 @@ def convert_reply(value: Any, kind: type[_T]) -> _T:
 
 
 def read_event(message: Mapping[str, Any]) -> events.Event:
-    """The event in a notification of the server. Raises ProtocolError when it is none."""
+    """The event in a notification of the server. Raises ProtocolError when it is not one."""
     try:
         return events.decode_event(message["params"])
     except msgspec.ValidationError as err:
@@ -420,7 +420,8 @@ def read_event(message: Mapping[str, Any]) -> events.Event:
 
 
 def decode_error(wire: Mapping[str, Any]) -> PdcdError:
-    """The error of our own tree for an error on the wire; an unknown kind becomes the base."""
+    """The error of pdcd's own classes for an error in a message; an unknown kind becomes the base
+    class."""
     data = wire.get("data") or {}
     return make_error(
         str(data.get("kind")), str(wire.get("message")), data.get("device"), data.get("hint")

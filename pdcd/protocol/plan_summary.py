@@ -1,5 +1,5 @@
-"""A request once decided: what its shots depend on (`Goal`, `CaptureScheme`), and what its plan
-says."""
+"""What has been decided about a request: all that its shots depend on (`Goal`, `CaptureScheme`),
+and the summary of its plan."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class CaptureScheme(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     codes: int = 128
-    """All codes, the pilot's among them."""
+    """All codes, including those of the pilot."""
     pilot: int = 0
     parts: int = 1
     repeat: int = 1
@@ -46,12 +46,12 @@ class CaptureScheme(msgspec.Struct, frozen=True, kw_only=True):
     black_level: BlackLevel = "none"
     white: bool = True
     buckets: int = 1
-    """Planes of one exposure that are used: of a pair, 2 where the sensor has two buckets."""
+    """Planes of one exposure that are used: 2 for a pair where the sensor has two buckets."""
     grey_masks: bool = False
     """Whether masks of far light may have grey levels (`pdcd.codes.greyed`)."""
     late: bool = False
-    """Whether codes had been shown before the pilot went on: the shots of codes that count have
-    names of their own (`pdcd.recipes.parts`)."""
+    """Whether codes had been shown before the pilot was continued. The shots of the codes that
+    count then have names of their own (`pdcd.recipes.parts`)."""
 
     @property
     def coded(self) -> int:
@@ -118,19 +118,20 @@ class LeakErrors(msgspec.Struct, frozen=True, kw_only=True):
     mask: float | None
     both: float
     floor: float
-    """The least error that would have been told from the sensor's noise; below it they are 0."""
+    """The smallest error that would have stood out from the sensor's noise; smaller ones are given
+    as 0."""
     limit: float
-    """Beyond it black exposures are added."""
+    """If the error exceeds this, black exposures are added."""
     raw: tuple[str, ...]
     """The dark photos, in the run folder."""
     noise: float | None = None
-    """RMS noise of the finished picture, relative to its RMS, that was foreseen with its black
-    exposures; None where nobody looked."""
+    """Predicted RMS noise of the finished picture with its black exposures, relative to its RMS;
+    None where it was not predicted."""
     times: int = 1
-    """How often everything is shown because of that noise; `noise` is what is left then."""
+    """How many times everything is shown because of that noise; `noise` is what then remains."""
     changed: float = 0.0
-    """The same as `ambient` of what that light changed since a dark photo before all shots; 0 where
-    that was not taken."""
+    """Like `ambient`, for the change of that light since a dark photo before all shots; 0 where no
+    such photo was taken."""
 
 
 class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -156,10 +157,10 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     schedule: str = "full"
     """A name of `pdcd.panels.schedule.SLOTS`, which has the refreshes of a code."""
     dark_s: float = 0.0
-    """For how long both panels are black after each refresh."""
+    """How long both panels are black after each refresh."""
     passes: int
     parts: int = 1
-    """Exposures of each coded photo; with `until_error`, at most."""
+    """Exposures of each coded photo; with `until_error`, at most that many."""
     shots: tuple[ShotSummary, ...]
     refreshes: int
     seconds: float
@@ -171,12 +172,12 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     prior: str | None = None
     """What guided the codes, in words."""
     reasons: tuple[str, ...] = ()
-    """Why cells, window and schedule are what they are, a line each, on a bench that was measured;
-    what black exposures go by; and parts where they were left to the program."""
+    """Reasons, a line each: for cells, window and schedule on a bench that was measured; for black
+    exposures; and for parts where the program chose them."""
     split: tuple[str, ...] = ()
-    """How the matrix of the goal "relit" is taken apart: a line a part, with its share of the
+    """How the matrix of the goal "relit" is split: a line for each part, with its share of the
     squared weights and how it is photographed."""
     black_level: BlackLevelName = "none"
-    """Black exposures; "auto": decided once a dark photo was taken."""
+    """Black exposures; "auto": decided after a dark photo."""
     leaks: LeakErrors | None = None
-    """What that photo showed."""
+    """The results of that photo."""

@@ -1,7 +1,7 @@
-"""What a user asks for: the one list of the fields of a request.
+"""What a user asks for: the single list of the fields of a request.
 
 They are plain values, so that the socket, the command line, the run folder and Python callers share
-one definition and one JSON Schema. What comes back is in `pdcd.protocol.plan_summary` and
+one definition and one JSON Schema. The results are in `pdcd.protocol.plan_summary` and
 `pdcd.protocol.result`.
 """
 
@@ -42,13 +42,13 @@ class SentArray(
     """
 
     fd: Annotated[int, Meta(ge=0, le=63)] | None = None
-    """Which of the descriptors that came with the line, from 0."""
+    """Index, from 0, among the descriptors that came with the line."""
     npy: str | None = None
     """Base64 of a .npy, .npz or PNG file."""
     file: Annotated[str, Meta(max_length=255)] | None = None
-    """What the client calls the file, for people: nothing is opened by it."""
+    """The client's name for the file, for people: no file is opened by it."""
     sha256: str | None = None
-    """Of the content; written by whoever has read it."""
+    """Digest of the content; written by the program that read it."""
 
 
 NumberRows = tuple[tuple[float, ...], ...]
@@ -57,8 +57,7 @@ _Table = _Name | SentArray | NumberRows
 
 
 _MOST_CELLS = 65536
-"""No panel has more pixels along a side; what the rig's own grid allows is less
-(`pdcd.recipes.bounds`)."""
+"""No panel has more pixels along a side; the rig's own grid allows less (`pdcd.recipes.bounds`)."""
 _Step = Annotated[int, Meta(ge=-_MOST_CELLS, le=_MOST_CELLS)]
 _Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
 _Weight = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -69,7 +68,7 @@ FieldPlace = tuple[_Unit, _Unit]
 """(x, y) on the field, from its upper left corner (`pdcd.panels.map`)."""
 
 _MATCHED: tuple[GoalName, ...] = ("indirect", "direct", "fraction", "split")
-"""Goals whose matched cell may be another than the cell itself."""
+"""Goals in which the matched cell may be another than the cell itself."""
 _RANGES_OF_DEPTH: tuple[GoalName, ...] = ("keyed", "stereo")
 
 
@@ -417,7 +416,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What a bench is to measure of itself, as `calibrate.start` and `pdcd calibrate` take it."""
 
-    # Everybody is told them for as long as the job is known, so they are no more than there are.
+    # Every client is told the steps for as long as the job is known, so their count is limited.
     steps: Annotated[
         tuple[StepName, ...],
         Meta(max_length=len(get_args(StepName))),

@@ -1,4 +1,4 @@
-"""How a job ended: its verdict, its figures, its name."""
+"""The end of a job: its verdict, its figures, its name."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class Quality(msgspec.Struct, frozen=True, kw_only=True):
 
 
 SummaryValue = float | int | str | Quality | None
-"""What the summary of a run holds."""
+"""The types of values in the summary of a run."""
 
 
 def quality_of(summary: Mapping[str, SummaryValue]) -> Quality | None:
-    """The verdict in the summary of a run; None where it came to no picture."""
+    """The verdict in the summary of a run; None where the run made no picture."""
     found = summary.get("quality")
     return found if isinstance(found, Quality) else None
 
 
 def read_summary_value(summary: Mapping[str, SummaryValue], name: str) -> float | int | str | None:
-    """A number or a word of the summary of a run; None for what is not known, and the verdict."""
+    """A number or a word in the summary of a run; None where it is unknown, or is the verdict."""
     found = summary.get(name)
     return None if isinstance(found, Quality) else found
 
@@ -51,14 +51,15 @@ class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
     error: dict[str, str | None] | None = None
     """`kind`, `message`, `device`, `hint` of the failure, when `state` is failed or cancelled."""
     files: tuple[str, ...] = ()
-    """Paths kept, relative to `folder` (of the unfinished folder when the job did not finish)."""
+    """Paths of the files that were kept, relative to `folder` (to the unfinished folder when the
+    job did not finish)."""
     summary: dict[str, SummaryValue] = {}
     """codes, refreshes, exposure_s, missed_refreshes, rms_error_quads, rms_error_cells ... for the
     table; and `quality`, the verdict."""
     warnings: tuple[str, ...] = ()
-    """What the user must know of the run, one line each; the manifest has all of them."""
+    """What the user must know about the run, one line each; the manifest has all of them."""
     passed: bool | UnsetType = UNSET
-    """Of a calibration: whether it came to its end and nothing is bad, so that it is in use."""
+    """For a calibration: whether it came to its end with nothing bad, so that it is in use."""
 
 
 def make_job_id() -> str:
@@ -67,5 +68,5 @@ def make_job_id() -> str:
 
 
 def format_job_time(moment: datetime) -> str:
-    """What the names of jobs of a moment begin with; they sort by time."""
+    """The beginning of the names of jobs of that moment; such names sort by time."""
     return f"{moment.astimezone(UTC):%Y%m%dT%H%M%SZ}"

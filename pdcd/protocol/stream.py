@@ -1,4 +1,4 @@
-"""A stream: what is asked for, and what is told of each of its pictures."""
+"""A stream: its request, and the description of each of its pictures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pdcd.protocol.about import describe_field
 from pdcd.protocol.request import CaptureRequest
 
 MOST_DRAWN_PX = 800
-"""Longest side of a picture that is drawn for people: as a JPEG it is far below a line."""
+"""Longest side of a picture that is drawn for people: its JPEG is then far shorter than a line."""
 
 
 class StreamRequest(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -80,18 +80,20 @@ class StreamFrame(msgspec.Struct, frozen=True, kw_only=True):
     size_px: tuple[int, int] = (0, 0)
     """Width and height of `jpeg`."""
     jpeg: bytes = b""
-    """The picture for eyes; empty where it was not asked for, or not drawn yet."""
+    """The picture for people; empty where it was not asked for, or is not drawn yet."""
     arrays: dict[str, PackedArray] = {}
-    """The picture in numbers, in the memory that comes with the answer where that was asked for."""
+    """The picture in numbers: arrays in the memory that comes with the answer, where they were
+    asked for."""
 
 
 @dataclass(frozen=True, eq=False)
 class StreamedPicture:
-    """A picture of a stream: what is told of it, and its numbers, which a spoilt photo has not.
+    """A picture of a stream: its description, and its numbers, which a spoilt photo does not have.
 
-    frame : its figures. arrays : "image" and "sigma", (rows, cols, C), means over cells and their
-    standard deviation, as `pdcd.api.run.Run` has them; "picture" and "picture_sigma", (h, w, C), of
-    the camera's quads.
+    frame : its figures.
+    arrays : "image" and "sigma", (rows, cols, C), means over cells and their standard deviation, as
+        `pdcd.api.run.Run` has them; "picture" and "picture_sigma", (h, w, C), of the camera's
+        quads.
     """
 
     frame: StreamFrame
@@ -99,11 +101,12 @@ class StreamedPicture:
 
     @property
     def number(self) -> int:
-        """As of its frame."""
+        """The number of its frame."""
         return self.frame.number
 
 
 def to_stream_request(request: CaptureRequest, **own: Any) -> StreamRequest:
-    """A request for a photo as one for a stream, with the fields that only that has."""
+    """A request for a photo, converted to one for a stream with the fields that only a stream
+    has."""
     same = {name: getattr(request, name) for name in CaptureRequest.__struct_fields__}
     return StreamRequest(**{**same, **own})

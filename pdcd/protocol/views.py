@@ -1,4 +1,5 @@
-"""Who asks, and what a rig tells of itself: answers of the socket that run folders keep, too."""
+"""Who sent a request, and what a rig reports about itself: answers of the socket that run folders
+keep, too."""
 
 from __future__ import annotations
 
@@ -57,7 +58,7 @@ class RigView(msgspec.Struct, frozen=True, kw_only=True):
     """By role: display, shutter, readout."""
     display: DisplayInfo | None = None
     shutter: dict[str, str] = {}
-    """What its driver says of it."""
+    """Identity strings from its driver."""
     camera: CameraView | None = None
     scene: str | None = None
 
@@ -83,7 +84,7 @@ class LiveFrame(msgspec.Struct, frozen=True, kw_only=True):
     mean: Annotated[float, Meta(ge=0.0, le=1.0, description="mean light, as a share of white")]
     saturated: Annotated[float, Meta(ge=0.0, le=1.0, description="share of pixels that are white")]
     outline: tuple[tuple[float, float], ...] = ()
-    """Edge of the field, 0..1 right and down; none where nothing says where the camera lies."""
+    """Edge of the field, 0..1 right and down; empty where the camera's place is not known."""
     size_px: tuple[int, int]
     """Width and height of `jpeg`."""
     jpeg: bytes = b""
@@ -91,7 +92,7 @@ class LiveFrame(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ClientRole(enum.IntEnum):
-    """What a client may do; each role may all that the ones below it may."""
+    """What a client may do; each role includes the ones below it."""
 
     LOOK = 1
     """See the rig, its jobs and their events."""
