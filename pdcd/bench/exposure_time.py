@@ -89,9 +89,9 @@ def describe_time_conflict(planned_s: float, logged_s: float, told_s: float) -> 
     """
     told = math.isfinite(told_s) and 0.0 < told_s <= _MOST_TOLD_S
     if _disagree(planned_s, logged_s):
-        return f"the shutter was open for {logged_s:.3g} s, and was to be for {planned_s:.3g} s"
+        return f"the shutter was open for {logged_s:.3g} s instead of {planned_s:.3g} s"
     if told and (_disagree(logged_s, told_s) or _disagree(planned_s, told_s)):
-        return f"the camera says {told_s:.3g} s of an exposure of {logged_s:.3g} s"
+        return f"the camera reports {told_s:.3g} s for an exposure of {logged_s:.3g} s"
     return ""
 
 

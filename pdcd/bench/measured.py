@@ -160,7 +160,7 @@ def _check_keys(entries: Iterable[str]) -> None:
     for key in entries:
         if key.partition(".")[0] not in (*BENCH_TABLES, "rig"):
             raise ConfigError(
-                f"a measured value is of no bench: {to_one_line(key)}",
+                f"{to_one_line(key)} is no value that a calibration measures",
                 hint="calibrate again with this version of pdcd",
             )
 

@@ -24,8 +24,8 @@ _Marks = NDArray[np.bool_]
 _OfColour = TypeVar("_OfColour")
 
 BLOCK_QUADS = 16
-SMALL_FRAME_HINT = "set the camera to full-size RAW; for a mock bench, set camera.frame_quads"
 """Side of the blocks that large pictures are worked on in."""
+SMALL_FRAME_HINT = "set the camera to full-size RAW; for a mock bench, set camera.frame_quads"
 _CLIPPED_SHARE = 1e-3
 """Share of saturated quads from which a photo is over-exposed; hot pixels stay below it."""
 NO_LIGHT_SIGMAS = 8.0

@@ -122,7 +122,7 @@ def list_run_warnings(
             yield f"shot {name}: {blown} pixels are saturated"
     if developed.dead:
         yield (
-            f"{developed.dead} pixels of the camera stay dark beside lit ones, as dead ones do: "
+            f"{developed.dead} pixels of the camera stay dark beside lit ones, like dead pixels: "
             "nothing is known there (infinite sigma)"
         )
     yield from developed.warnings

@@ -237,7 +237,7 @@ def _lag(lag: tuple[float, float], refresh_s: float, *, moved: bool) -> CheckFin
     known = bool(np.isfinite(lag[0]))
     if moved and not known:
         figure = MeasuredFigure("mask.skew_s", *lag, "s", "known", Verdict.DOUBTFUL)
-        said = "it cannot be told while the mask is out of place: mend that, then check again"
+        said = "it cannot be measured while the mask is out of place: mend that, then check again"
         return CheckFinding(figure, said, sure=False)
     advice = _late(lag[0], refresh_s) if known else ""
     return _graded("mask.skew_s", lag, "s", (_GOOD_S, _REFIT_S), advice)
@@ -260,7 +260,7 @@ def _lamp_finding(lamp: float, sigma: float, uneven: float) -> CheckFinding:
         figure = MeasuredFigure(
             "lamp", lamp, sigma, "", f"even within {_UNEVEN:.0%}", Verdict.DOUBTFUL
         )
-        said = "this is not the scene of the reference: nothing can be said of the lamp"
+        said = "the scene differs from that of the reference, so the lamp cannot be judged"
         return CheckFinding(figure, said, sure=False)
     advice = "check the iris and the lamp's mode, then calibrate the light"
     return _graded("lamp", (lamp - 1.0, sigma), "", (_GOOD_LAMP, _REFIT_LAMP), advice)

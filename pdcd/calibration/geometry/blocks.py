@@ -72,8 +72,8 @@ def find_period_error(
     best, second = sorted(agreement, key=lambda off: agreement[off], reverse=True)[:2]
     if agreement[best] < _LEAST_AGREEMENT or agreement[second] > _SECOND * agreement[best]:
         raise CalibrationError(
-            f"the {code.panel}'s stripes cannot be numbered: a picture of blocks agrees by "
-            f"{agreement[best]:.0%} with the maps in use, at best {best} periods away",
+            f"the {code.panel}'s stripes cannot be matched to the maps in use: a picture of blocks "
+            f"agrees with them by {agreement[best]:.0%} at most, {best} periods away",
             device=code.panel,
             hint="use patterns that need no map: --marks xor on a scene, dots on a card",
         )

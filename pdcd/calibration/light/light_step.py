@@ -220,7 +220,7 @@ def _outcome(
         figures = (*figures, MeasuredFigure(name, main, unsure, "e-/s", of))
     if found.room is None and found.projector.seen:
         advice.append(
-            "black of the projector and light of the room were not told apart: calibrate with "
+            "the projector's black and the room's light could not be separated: calibrate with "
             "somebody there to cover the projector's lens"
         )
     ambient = found.ambient(albedo)

@@ -161,8 +161,8 @@ def _coarse(
             return delay, white
         if number:
             raise CalibrationError(
-                f"the mask was {-delay} refreshes late, and is {-more} later still with these "
-                "taken out",
+                f"the mask was {-delay} refreshes late; with these taken out, it is {-more} "
+                "refreshes late",
                 device="display",
                 hint="the delay between the panels changes from photo to photo: switch off frame "
                 "interpolation and variable refresh rates, and start both outputs together",
@@ -284,7 +284,8 @@ def _advice(found: MeasuredTiming, refresh_s: float) -> list[str]:
         panel = "mask" if found.tail.mask else "projector"
         advice.append(
             f"{100.0 * found.tail.share:.0f} % of the {panel}'s light follows "
-            f"{found.tail.slower:.1f} times as slowly, which the configuration cannot express: "
+            f"{found.tail.slower:.1f} times as slowly as the rest, which the configuration cannot "
+            "describe: "
             "switch off overdrive and dynamic modes"
         )
     return advice

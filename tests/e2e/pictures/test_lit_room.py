@@ -176,4 +176,4 @@ def test_a_stretched_exposure_is_taken_again(tmp_path: Path, photo: int, stretch
 def test_files_that_tell_a_fraction_of_the_exposure_are_doubtful(tmp_path: Path) -> None:
     made = taken(tmp_path, bright(tmp_path, COARSE), "[camera]\ntagged_s = 0.005\n")
     assert made.quality.verdict == "doubtful"
-    assert "the camera says 0.005 s" in made.quality.reasons[0]
+    assert "the camera reports 0.005 s" in made.quality.reasons[0]

@@ -8,7 +8,7 @@ import pytest
 
 from pdcd.bench.exposure_time import describe_time_conflict
 
-OPEN, TOLD = "the shutter was open for", "the camera says"
+OPEN, TOLD = "the shutter was open for", "the camera reports"
 
 
 @pytest.mark.parametrize(

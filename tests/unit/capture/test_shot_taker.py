@@ -288,8 +288,8 @@ def test_a_test_exposure_is_not_taken_again_where_misses_are_only_flagged() -> N
     assert bench.heard("aside") == []
 
 
-LONG = "the shutter was open for 8.2 s, and was to be for 2 s"
-SHORT = "the camera says 0.005 s of an exposure of 2 s"
+LONG = "the shutter was open for 8.2 s instead of 2 s"
+SHORT = "the camera reports 0.005 s for an exposure of 2 s"
 
 
 @pytest.mark.parametrize("kind", ["shot", "test", "dark"])
