@@ -1,3 +1,3 @@
-"""From what a run folder holds to its pictures, each with its error; the only place where pictures
-are made, by a capture as by `pdcd decode`, and where a forecast makes its own.
+"""Makes the pictures of a run folder, each with its error. Pictures are made nowhere else: not by a
+capture, not by `pdcd decode`, not by a forecast.
 """

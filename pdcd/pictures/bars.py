@@ -1,9 +1,10 @@
-"""The pictures of a run with their whole error, as far as it is known: of codes by what parts show.
+"""The pictures of a run with their whole error, as far as it is known.
 
-The error of the codes is told of cells, and lies on their quads as light does. Nothing finer is
-asked of a part of a photo: its shots are averaged over cells first, once each, and all parts are
-worked out on these few values. A part then has the weight of a cell where the photo has that of
-each quad; it is the same in all parts, whose differences alone are looked at.
+The spread of a photo's parts shows the error of its codes. That error is estimated for cells, and
+spread over their quads in proportion to light. Parts are never worked out at full resolution: each
+shot is averaged over cells once, and all parts are made from these few values. A part is therefore
+divided by the weight of a cell, where the photo is divided by that of each quad. The difference is
+the same in all parts, and only the differences between parts are used.
 """
 
 from __future__ import annotations
@@ -59,12 +60,12 @@ if TYPE_CHECKING:
     from pdcd.pictures.border_light import BorderLight, BorderMeasurement
 
 _LOOKED_AT = 2**14
-"""Pixels of a picture by which its causes of error are told apart."""
+"""Number of pixels of a picture from which its causes of error are estimated."""
 _Photos = Callable[[Recipe, Mapping[str, ExposedShot], CellMap], dict[str, Picture]]
 """Scales and corrects the photos of a recipe."""
 _UNSURE_DIRECT = 0.5
-"""Share of the direct light that slow panels let through by which the realised matrix may be off:
-0.3 of 0.6 % before a stranger's fold, where rows are set last."""
+"""Relative error of the realised matrix in the direct light that slow panels let through: 0.3 of
+0.6 % in front of a stranger's fold, where rows are set last."""
 
 
 def make_pictures_with_errors(
@@ -77,12 +78,14 @@ def make_pictures_with_errors(
     borders: BorderMeasurement | None = None,
     room: Floats | None = None,
 ) -> dict[str, PictureWithErrors]:
-    """All pictures of a recipe with sensor and code error: of what the parts show, if there are
-    enough; and with what all parts get wrong alike, as far as it is known.
+    """All pictures of a recipe with their sensor and code error.
 
-    shots : of the run, and sums of them. learned : of its pilot, if any. borders : what a photo of
-    the light along borders of cells tells, if there is one; all parts have the same of it, and of
-    the light of the `room`, (N, C), that a dark photo tells.
+    The code error is what the spread of the parts shows, if there are enough parts, together with
+    what all parts get wrong alike, as far as it is known.
+
+    shots : of the run, and sums of them. learned : findings of its pilot, if any. borders : what a
+    photo of the light along borders of cells shows, if there is one. room : (N, C), light of the
+    room from a dark photo. Both are the same for all parts.
     """
     averaged, told, coarse = None, NO_SMOOTH_MODELS, None
     by_codes: Mapping[str, Floats] = {}
@@ -129,8 +132,8 @@ def add_common_errors(
     by_codes: Mapping[str, Floats], learned: PilotFindings | None, cells: CellMap,
     borders: BorderMeasurement | None,
 ) -> dict[str, PictureWithErrors]:  # fmt: skip
-    """Pictures, `bars` of photos `scaled`, that know what all parts get wrong alike, too, and what
-    of their code error comes from where (`PictureWithErrors.causes`)."""
+    """Adds to the pictures `bars`, made of the photos `scaled`, the errors that all parts share,
+    and finds how much of the code error each cause makes (`PictureWithErrors.causes`)."""
     norm = record.normalise
     made = with_beside_light(bars, recipe, shots, scaled, by_codes, learned, cells, norm)
     steps: list[tuple[ErrorCause, Mapping[str, PictureWithErrors]]] = [("codes", made)]
@@ -158,8 +161,8 @@ def _find_causes(
     steps: Sequence[tuple[ErrorCause, Mapping[str, PictureWithErrors]]],
     whole: PictureWithErrors,
 ) -> dict[ErrorCause, float]:
-    """Mean square of a picture's code error by cause, where the `whole` error is known: what each
-    of the steps that made it has added. Some pixels, evenly spread, are looked at."""
+    """Mean square of a picture's code error by cause: what each step has added to it, where the
+    `whole` error is known. It is computed from some pixels, evenly spread."""
     height, width = whole.image.shape[:2]
     step = max(1, math.isqrt(height * width // _LOOKED_AT))
     some = np.s_[step // 2 :: step, step // 2 :: step]
@@ -184,7 +187,7 @@ def _of_cells(picture: PictureWithErrors, cells: CellMap) -> Errors:
 def _averaged_borders(
     borders: BorderMeasurement, shots: Mapping[str, ExposedShot], cells: CellMap
 ) -> BorderMeasurement:
-    """What a photo of the light along borders tells, as the averaged shots have it."""
+    """A photo of the light along borders, averaged over cells as the shots are."""
     alike = next(iter(shots.values()))
     light, dark = borders.light, np.zeros(cells.frame, np.bool_)
     photo = ComputedShot(light.light, light.variance, dark, alike.realised, {})
@@ -203,8 +206,8 @@ def _used(recipe: Recipe, shots: Mapping[str, ExposedShot]) -> dict[str, Exposed
 def _part_images(
     recipe: Recipe, averaged: AveragedShots, photos: _Photos
 ) -> dict[str, list[Floats]]:
-    """Every picture as each part alone makes it, (rows, cols, C) in scene units, on the quads of
-    the camera that its shots are averaged for."""
+    """Every picture as each part alone makes it, (rows, cols, C) in scene units, at the resolution
+    of the averaged shots."""
     found: dict[str, list[Floats]] = {name: [] for name in recipe.pictures}
     for number in list_parts(recipe):
         part = select_parts(recipe, {number})
@@ -223,10 +226,10 @@ def add_part_errors(
     single: Mapping[str, Floats],
     over: int | None = None,
 ) -> dict[str, PictureWithErrors]:
-    """Pictures whose sigma is the sensor's, with the code error that their parts show.
+    """Completes pictures whose sigma is the sensor's by the code error that their parts show.
 
-    parts : of `_part_images`, of which the pictures are of `over`, None for all. single : of
-    `pdcd.pictures.sigma.estimate_photo_quad_errors`, where anything is known of it.
+    parts : of `_part_images`. over : how many of them the pictures are made of, None for all.
+    single : errors of single quads (`pdcd.pictures.sigma.estimate_photo_quad_errors`), where known.
     """
     found, parted = {}, choose_part_cells(cells)
     for name, picture in pictures.items():
@@ -242,8 +245,8 @@ def add_part_errors(
 def _code_of_parts(
     seen: Picture, parts: list[Floats], grid: tuple[int, int], over: int | None
 ) -> tuple[Errors, Errors]:
-    """Code error of a picture on cells by what its parts show, (rows, cols, C); where these are of
-    half cells, that of means over whole ones comes second."""
+    """Code error of a picture on cells, (rows, cols, C), from its parts, and that of means over
+    whole cells. They differ only where the parts are of half cells."""
     code = measure_error_bars(seen, parts, over).code
     if seen.image.shape[0] == grid[0]:
         return code, code
@@ -261,7 +264,7 @@ def _of_halves(image: NDArray[np.floating]) -> Floats:
 def add_known_errors(
     recipe: Recipe, pictures: Mapping[str, Picture]
 ) -> dict[str, PictureWithErrors]:
-    """Pictures of too few parts to tell what their codes err: of that their sigma has nothing."""
+    """Pictures with too few parts to estimate the code error, which their sigma leaves out."""
     coded = {p.name for p in recipe.photos if any(_is_coded(recipe, name) for _, name in p.shots)}
     found = {}
     for name, picture in pictures.items():
@@ -287,8 +290,8 @@ def with_beside_light(
     cells: CellMap,
     normalise: NormaliseName = "auto",
 ) -> dict[str, PictureWithErrors]:
-    """Pictures whose code error knows of light from right beside each cell, which all parts get
-    wrong alike (`pdcd.pictures.beside`). What chance makes of it is no error of means over cells.
+    """Adds to the code error what light from right beside each cell makes wrong in all parts alike
+    (`pdcd.pictures.beside`). Its random part does not count in the error of means over cells.
 
     photos : scaled ones. by_codes : of `estimate_photo_quad_errors`. learned : of a pilot, if any.
     """
@@ -315,7 +318,7 @@ def with_beside_light(
 def combine_picture_errors(
     recipe: Recipe, photos: Mapping[str, Picture], errors: Mapping[str, Floats]
 ) -> dict[str, Floats]:
-    """Errors of photos (rows, cols, C) -> of the pictures that are made of those, by name."""
+    """Errors of photos, (rows, cols, C) -> of the pictures made of these photos, by name."""
     if not errors:
         return {}
     none = np.zeros_like(next(iter(errors.values())))
@@ -335,13 +338,13 @@ def _with_direct_light(
     cells: CellMap,
     borders: BorderMeasurement | None,
 ) -> dict[str, PictureWithErrors]:
-    """Pictures whose code error knows of direct light that was taken out of a photo of indirect
-    light, and may be wrong, in all parts alike: along the borders of whole cells that both panels
-    draw in two places (`pdcd.pictures.border_light.BorderLight.error`), or what slow panels let
-    through (`_UNSURE_DIRECT`).
+    """Adds to the code error the uncertainty of the direct light that was removed from photos of
+    indirect light, which is the same in all parts. This is light along borders of whole cells that
+    the panels draw in two places (`pdcd.pictures.border_light.BorderLight.error`), or light that
+    slow panels let through (`_UNSURE_DIRECT`).
 
-    removed : of photos, with what `find_removed_direct` says of each. photos : scaled ones.
-    borders : what a photo of this light tells, if there is one.
+    removed : photos, each with the result of `find_removed_direct`. photos : scaled ones.
+    borders : what a photo of the light along borders shows, if there is one.
     """
     white, found = list_white_photos(recipe), dict(pictures)
     for photo, share, light in removed:
@@ -359,8 +362,8 @@ def _with_direct_light(
 def _with_photo_error(
     pictures: Mapping[str, PictureWithErrors], recipe: Recipe, photo: str, error: Errors
 ) -> dict[str, PictureWithErrors]:
-    """Of the pictures those that a photo is a part of, with its error (h, w, C) in their code
-    error; what they know of means over cells is left out."""
+    """The pictures that a photo is a part of, with its error (h, w, C) added to their code error.
+    Their errors of means over cells are dropped."""
     found = {}
     for name, picture in pictures.items():
         part = _part_of(recipe, name, photo)
@@ -370,7 +373,7 @@ def _with_photo_error(
 
 
 def _part_of(recipe: Recipe, picture: str, photo: str) -> float:
-    """How often a photo counts in a picture; 0 in one of extremes, of which nobody can say."""
+    """Total weight of a photo in a picture; 0 in one of extremes, where it is not known."""
     rule = recipe.pictures[picture]
     if isinstance(rule, Extremes):
         return 0.0
@@ -378,7 +381,7 @@ def _part_of(recipe: Recipe, picture: str, photo: str) -> float:
 
 
 def _with_means(picture: PictureWithErrors, error: Floats, cells: CellMap) -> Floats | None:
-    """The code error of a picture's means over cells, with that of the quads at their borders."""
+    """The code error of a picture's means over cells, with an added error of its quads."""
     if picture.of_cells is None:
         return None
     more = cells.error_of_mean(error**2).reshape(picture.of_cells.shape)
@@ -392,9 +395,9 @@ def _with_misplaced_light(
     record: RunRecord,
     cells: CellMap,
 ) -> dict[str, PictureWithErrors]:
-    """Pictures whose code error knows of direct light that goes through wrong cells because the
-    mask lies elsewhere (`pdcd.pictures.lost_direct`), where they are made of a photo of indirect
-    light, and a white one tells how much light there is.
+    """Adds to the code error the direct light that goes through wrong cells because the mask lies
+    elsewhere (`pdcd.pictures.lost_direct`). This concerns pictures made of a photo of indirect
+    light, where a white photo shows how much light there is.
 
     photos : scaled ones.
     """
@@ -415,7 +418,7 @@ def _with_misplaced_light(
 def _without_blind(
     pictures: Mapping[str, PictureWithErrors], record: RunRecord, cells: CellMap
 ) -> dict[str, PictureWithErrors]:
-    """Pictures of which nothing is known where quads see a place beside the mask's picture."""
+    """Pictures whose error is infinite where quads see a place beside the mask's picture."""
     from pdcd.pictures.lost_direct import find_quads_beside_mask  # few runs have looked
 
     beside = find_quads_beside_mask(record, cells)

@@ -1,8 +1,8 @@
-"""Light from right beside each cell, which no spread of parts shows: how wrong it makes a photo.
+"""The error of a photo by light from right beside each cell, which no spread of parts shows.
 
-Windows of parts of a cell take some of it for direct light, and some of the cell's own for indirect
-(`pdcd.pictures.sigma.compute_neighbour_weight`). How much light that is, a pilot tells; where quads
-get theirs by few ways, as in rough stone, chance makes it more in one and less in the next.
+Windows of parts of a cell take some of this light for direct light, and some of the cell's own for
+indirect light (`pdcd.pictures.sigma.compute_neighbour_weight`). A pilot measures how much of it
+there is. Where quads get it by few paths, as in rough stone, it varies from quad to quad.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from pdcd.probing.deviation import compute_row_deviations
 from pdcd.sensor.cells import CellMap
 
 USUAL = 0.02
-"""Light from one of the eight cells around, over all indirect light, where no pilot tells: between
-the virtual scenes with little of it (0.1 to 1 %) and those with much (2 to 7 %)."""
+"""Light from one of the eight cells around, over all indirect light, where no pilot measured it:
+between the virtual scenes with little of it (0.1 to 1 %) and those with much (2 to 7 %)."""
 _UNEVEN = 1.3
-"""Root of the mean square of what the eight send, over its mean: 1.05 to 2.5 before the virtual
-scenes."""
+"""Root of the mean square of the light from the eight cells around, over its mean: 1.05 to 2.5 in
+the virtual scenes."""
 _COUNTED = 2
-"""Cells away up to which the codes of parts count all light alike: they are told apart."""
+"""Distance in cells up to which the codes of all parts count light alike, as they separate it."""
 _OF_WINDOWS = (5 / 8) ** 2 + 3 * (1 / 8) ** 2
 """Along an axis, variance of weights between cells over that between quarter windows: five eighths
-of it all is between two code cells, and an eighth between each of three others."""
+of the light pass between two code cells, and an eighth between each of three other pairs."""
 _AROUND = 9
-"""Side, in cells, of the square over which ways of light are told."""
+"""Side, in cells, of the square over which single paths of light are averaged."""
 _LEAST_TOLD = 1e-6
-"""Share of what photos differ by below which that is rounding."""
+"""Share of the codes' total power below which the power at a cell is rounding error."""
 _FEWEST_SHOTS = 4
-"""Photos of single codes that tell anything, room light and direct light taken off."""
+"""Least number of single-code photos to estimate from, after room and direct light are removed."""
 
 
 @dataclass(frozen=True, eq=False)
 class NeighbourError:
-    """Standard deviation of a photo by light from right beside its cells: of means over cells,
-    (rows, cols, C), and of quads, (h, w, C)."""
+    """Standard deviation of a photo because of light from right beside its cells: of means over
+    cells, (rows, cols, C), and of quads, (h, w, C)."""
 
     even: Floats
     of_quads: Errors
@@ -61,19 +61,18 @@ def estimate_neighbour_errors(
     learned: PilotFindings | None,
     cells: CellMap,
 ) -> dict[str, NeighbourError]:
-    """The error of photos that cannot tell light from right beside a cell from direct light, by
-    name; for `pdcd.pictures.bars`.
+    """The error, by name, of photos that cannot separate light from right beside a cell from direct
+    light; for `pdcd.pictures.bars`.
 
-    Of light that comes by ways of its own to single quads, the parts of a photo tell how much is
-    from afar: that alone their codes count by chance. The rest is from near, and falls with
-    distance as smooth light is taken to (`pdcd.pictures.smooth`). Each such way is there as a whole
-    or not at all, so that its variance goes with how much is mistaken where a quad looks; that of
-    even light goes with the square.
+    Of the light that reaches single quads by paths of their own, the spread of the parts measures
+    how much comes from afar, as codes count only that by chance. The rest comes from near, and is
+    taken to fall with distance as smooth light does (`pdcd.pictures.smooth`). Such a path is
+    counted in full or not at all. So its variance grows with the share of light that is mistaken
+    where a quad looks; the variance of even light grows with the square of that share.
 
-    weighed : photos that have a `pdcd.pictures.sigma.compute_neighbour_weight`, and that. photos :
-    scaled ones. single : photos of single codes. by_codes : what single quads of photos err by
-    codes, of cells or halves (`pdcd.pictures.sigma.to_quad_errors`). learned : of a pilot, if
-    any.
+    weighed : photos that have a `pdcd.pictures.sigma.compute_neighbour_weight`, each with it.
+    photos : scaled ones. single : photos of single codes. by_codes : errors of single quads by
+    codes, on cells or halves (`pdcd.pictures.sigma.to_quad_errors`). learned : of a pilot, if any.
     """
     found, picked = {}, sample_quads(single, cells, within=True)
     ways = estimate_quad_paths(single, picked, learned)
@@ -94,7 +93,7 @@ def estimate_neighbour_errors(
             far = _mean_square(by_codes[name], cells.grid) * _OF_WINDOWS**2 / variance.mean()
             rest = np.maximum(ways - picked.around(far, _AROUND), 0.0)
             by_chance = np.sqrt(np.sqrt(0.5) * weight * _share_mistaken() * rest)
-        # Where chance has taken light away a quad is darker than its error tells.
+        # Where chance has taken light away, a quad is darker than its error would suggest.
         image = scipy.ndimage.uniform_filter(photo.image, (3, 3, 1), mode="nearest")
         usual = Picture(image, photo.sigma)
         chance = spread_errors(by_chance.reshape(seen.shape), usual, seen, cells)
@@ -114,8 +113,8 @@ def _mean_square(errors: Floats, grid: tuple[int, int]) -> Floats:
 
 
 def _share_mistaken() -> float:
-    """Light from one of the eight cells around and from the cell itself, over all light from near
-    but that."""
+    """Light from one of the eight cells around plus that from the cell itself, over all near light
+    except the cell's own."""
     side = np.arange(-_COUNTED, _COUNTED + 1)
     light = 1.0 / (1.0 + (side[:, None] ** 2 + side**2) / HALF_LIGHT_CELLS**2)
     beside = light[_COUNTED - 1 : _COUNTED + 2, _COUNTED - 1 : _COUNTED + 2].sum() - 1.0
@@ -123,12 +122,12 @@ def _share_mistaken() -> float:
 
 
 def map_neighbour_light(weights: CellWeights, cells: CellMap) -> Floats:
-    """How much light is mistaken where a quad looks, over the mean of all, (h, w); () where the
-    camera does not tell pieces of cells.
+    """Share of light that is mistaken where each quad looks, over its mean over a cell, (h, w); ()
+    where the camera cannot resolve parts of cells.
 
     Under quarter windows nothing is mistaken in the middle of a cell, half of a cell's light at its
-    edges and three quarters at its corners. It is the mean of all cells, so that the chance of
-    codes does not count.
+    edges and three quarters at its corners. The map is an average over all cells, so that the
+    chance of codes does not count.
     """
     fine, uniform = weights.realised.fine, weights.photo.wanted.uniform
     if fine is None or cells.map is None or uniform is None:
@@ -143,15 +142,15 @@ def map_neighbour_light(weights: CellWeights, cells: CellMap) -> Floats:
 def estimate_quad_paths(
     shots: Sequence[ExposedShot], picked: QuadSample, learned: PilotFindings | None = None
 ) -> Floats:
-    """Squares of the light that single quads get along each way by itself, summed over all ways,
-    (N, C): how grainy indirect light is within a cell. 0, (N, 1), where nothing tells.
+    """How grainy indirect light is within a cell: the squared light of each single path to a quad,
+    summed over all paths, (N, C). Zeros, (N, 1), where it cannot be estimated.
 
-    Photos of single codes through an open mask tell it: each is a sum of the light of all lit
-    cells. Between quads that lie beside each other light of one kind changes little, and what is
-    left of their difference is theirs alone. Direct light goes along with the code of the cell, and
-    drops out, and the paths that a pilot `learned` are taken off.
+    It is estimated from photos of single codes through an open mask, each of which is a sum of the
+    light of all lit cells. Smooth light changes little between neighbouring quads, so that their
+    difference is light of their own paths. Direct light follows the code of the cell and drops out.
+    The paths that a pilot has `learned` are subtracted.
 
-    shots : photos of single codes, one cell's code unlike another's. picked : some quads.
+    shots : photos of single codes; the codes of two cells differ. picked : some quads.
     """
     grid = picked.grid
     if len(shots) < _FEWEST_SHOTS or not picked.pairs.size:
@@ -179,8 +178,8 @@ def estimate_quad_paths(
     if not sure.any():
         return np.zeros_like(told)
     found = np.broadcast_to(told.sum(axis=0) / weight.sum(axis=0), told.shape).copy()
-    np.divide(told, weight, out=found, where=sure)  # elsewhere it is as in these
-    if learned is not None:  # known paths, as by mirrors, are none of those that wander
+    np.divide(told, weight, out=found, where=sure)  # elsewhere the mean of these stays
+    if learned is not None:  # known paths, as by mirrors, are not part of the grain
         known = np.stack([one.multiply(one).sum(axis=1) for one in learned.paths], axis=1)
         found -= picked.around(known, _AROUND)
     return np.asarray(np.maximum(found, 0.0))

@@ -1,10 +1,10 @@
-"""How far light is blurred on its way to the mask: by the edges of blocks.
+"""How much light is blurred on its way to the mask, measured at the edges of blocks.
 
-The camera sees blocks on the mask through its own lens alone; those on the projector reach it by
-the projector's lens, the scene and the optics that focus the scene on the mask. Edges of these that
-are wider are blurred before the mask: light then leaves through cells beside its own. A surface
-that scatters light widens edges, too, but leaves some of them sharp, as light that is reflected
-right where it falls has no way to go.
+The camera sees blocks on the mask through its own lens alone. Blocks on the projector reach it
+through the projector's lens, the scene and the optics that focus the scene on the mask. If their
+edges are wider, light is blurred in front of the mask, and leaves through cells beside its own. A
+surface that scatters light widens edges, too, but leaves some of them sharp: light that is
+reflected right where it falls is not spread.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from pdcd.arrays import Bools, Floats
 from pdcd.pictures.found_blocks import FoundPattern, PatternFinder, compute_patch_covariance
 
 _ROUNDS = 24
-"""Times that a blur is worked out anew from the last one."""
+"""Iterations in which a blur is estimated from the last estimate."""
 _SETTLED = 0.02
-"""Change of a squared blur, over itself or the square of a point of the raster, that is none."""
+"""Change of a squared blur that counts as none, over itself or a squared step of the raster."""
 _SMOOTHED = 1.0
-"""Points by which a photo is smoothed, so that its edges are never sharper than those of the
-pattern: a blur below zero is not told as well as one above."""
+"""Points by which a photo is smoothed, so that its edges are never sharper than the pattern's: a
+blur below zero cannot be estimated as well as one above."""
 _SIGMAS = 3.0
-"""Standard deviations of its own that a squared blur may be off by."""
+"""Standard deviations by which an estimate of a squared blur may be off."""
 _UNSURE = 0.015
-"""What edges of two sharp panels differ by, in squares of a raster's points, beside that: on
-virtual scenes half of both together, root of the sum of squares."""
+"""Squared blur by which edges of two sharp panels may differ beside chance, in squared points of
+the raster. Virtual scenes show half of both together (root of the sum of squares)."""
 _LENS_UNSURE = 0.1
-"""The same over the squared blur of the camera's lens, which both panels have."""
+"""The same, relative to the squared blur of the camera's lens, which both panels share."""
 _WIDER = (1.0, 2.0, 4.0)
-"""Widths, over a blur, that scattered light may have beside it."""
+"""Widths over a blur that are tried for scattered light."""
 _WIDE = 0.8
-"""Squared blur, over that of a point, from which light with sharp edges beside it is told well."""
+"""Squared blur, in squared points, from which light with sharp edges is separated well from it."""
 _SHARP, _SHARP_IF_NARROW = 0.22, 0.5
-"""Share of a pattern's light with sharp edges from which it is the scene that scatters the rest: a
-wide blur leaves less than 0.16, and of a narrow one it is hardly told."""
+"""Share of a pattern's light with sharp edges from which the scene is what scatters the rest: a
+wide blur leaves less than 0.16; beside a narrow blur that share is hardly measurable."""
 
 
 class PatternBasis:
-    """A pattern as a photo shows it, at the known points of the field, with any blur."""
+    """A pattern with any blur, as a photo shows it at the known points of the field."""
 
     def __init__(self, finder: PatternFinder, known: Bools, found: FoundPattern) -> None:
         raster = finder.raster
@@ -49,7 +49,7 @@ class PatternBasis:
         self.pitch = raster.pitch
         self._known, self._flattener = known, finder.make_flattener(known)
         self._inside = known & np.all((points >= 0.0) & (points < raster.size_px), axis=-1)
-        # What a lens bends moves edges from place to place, and would count as blur.
+        # Distortion by a lens moves edges from place to place, and would count as blur.
         window = scipy.spatial.cKDTree(found.centres).query(points)[1]
         self._sharp = finder.shown(found.map(points) + found.left[window])
         self._patch = finder.number_patches(points[self._inside])
@@ -67,12 +67,12 @@ class PatternBasis:
         return np.asarray(self._flattener.flatten(light)[self._inside])
 
     def pattern(self, squared_px: float) -> Floats:
-        """Such a blur of the pattern without its level, (n,)."""
+        """The pattern with that squared blur, without its level, (n,)."""
         return self._flatten(self._blurred(squared_px))
 
     def design(self, squared_px: float) -> Floats:
-        """The same, and what the pattern changes by with its squared blur, over square pixels and
-        without a level of its own: (n, 2)."""
+        """The same, and its derivative by the squared blur, per square pixel and without a level:
+        (n, 2)."""
         step, now = 0.25 * self.pitch**2, self._blurred(squared_px)
         more = self._blurred(squared_px + step) - now
         return np.stack([self._flatten(now), more[self._inside] / step], axis=1)
@@ -84,7 +84,7 @@ class PatternBasis:
         )
 
     def spread(self, design: Floats, left: Floats) -> float:
-        """Standard deviation of the second factor of a fit, by how patches pull at it."""
+        """Standard deviation of a fit's second factor, estimated from patches of residuals."""
         return float(np.sqrt(compute_patch_covariance(design, left, self._patch)[1, 1]))
 
 
@@ -92,9 +92,9 @@ class PatternBasis:
 class BlockEdges:
     """Edges of a panel's blocks in a photo.
 
-    basis : the pattern where it was found. light : of the photo, (n,). depth : by how much that
-    would go up and down with the pattern without a blur. squared_px : squared blur of the edges,
-    that of smoothing and of quads included, and sigma_px2 its standard deviation, both in square
+    basis : the pattern where it was found. light : of the photo, (n,). depth : amplitude that the
+    pattern would have in it without a blur. squared_px : squared blur of the edges, that of
+    smoothing and of quads included, and sigma_px2 its standard deviation, both in square
     projector pixels.
     """
 
@@ -108,8 +108,8 @@ class BlockEdges:
 def measure_block_edges(
     finder: PatternFinder, seen: Floats, known: Bools, found: FoundPattern
 ) -> BlockEdges:
-    """How wide the edges of a pattern are where it was found: by least squares of the photo on the
-    pattern and on how that changes with its blur, from sharp edges on."""
+    """Measures how wide the edges of a pattern are where it was found. The photo is fitted by least
+    squares to the pattern and its derivative by the blur, starting from sharp edges."""
     basis = PatternBasis(finder, known, found)
     light, point = basis.flatten_photo(seen), basis.pitch**2
     squared, sigma = _SMOOTHED * point, 0.0
@@ -129,8 +129,8 @@ def measure_block_edges(
 def measure_blur_before_mask(
     projector: BlockEdges, mask: BlockEdges, known_px: float = 0.0
 ) -> float:
-    """Standard deviation in projector pixels of the blur that light has before it reaches the mask;
-    0 where photos cannot tell it from the known one, or where the scene scatters.
+    """Standard deviation, in projector pixels, of the blur of light in front of the mask; 0 where
+    photos cannot separate it from the known one, or where the scene scatters.
 
     Caller: `pdcd.pictures.misplaced.find_panel_places`, for the error bars and the verdict.
     """
@@ -148,8 +148,7 @@ def measure_blur_before_mask(
 
 
 def _measure_sharp_share(edges: BlockEdges, sharp_px2: float, blur_px2: float) -> float:
-    """Share of a pattern's light with edges as sharp as those of the mask's, beside light with
-    wider ones."""
+    """Share of a pattern's light with edges as sharp as the mask's; the rest has wider ones."""
     wider = [sharp_px2 + (times**2) * blur_px2 for times in _WIDER]
     design = np.stack([edges.basis.pattern(px2) for px2 in (sharp_px2, *wider)], axis=1)
     parts = scipy.optimize.nnls(design, edges.light)[0]

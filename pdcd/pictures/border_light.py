@@ -4,11 +4,10 @@ Where the pixels of both panels do not end together they draw the border of a ce
 and between these the light of one cell goes through the mask of the other. Where these strips lie
 is known from both panels' pixels (`pdcd.probing.borders.find_strips`), which quads see them from
 the camera's map, and for how long they let light through from the realised probing matrix. How
-bright they are the photos say: as direct light is between the quads around.
+bright they are is interpolated from the direct light of the quads around.
 
-What they do not say is how direct light differs within a quad. That is an error in proportion to
-how it differs from quad to quad. Where quads beside, which see no strip, tell a quad's share of
-indirect light better than that, they have a say in it.
+Interpolation does not show how direct light varies within a quad. That error is taken to be in
+proportion to the variation from quad to quad.
 """
 
 from __future__ import annotations
@@ -28,37 +27,37 @@ from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
 _ROUNDS = 4
-"""Times that direct light is told from a photo without what got into it: of a share of a third, a
-hundredth is left."""
+"""Iterations that estimate direct light from a photo without the light that got into it: where a
+third got in, a hundredth remains."""
 _MAP_QUADS = 0.02
 """Quads by which the camera's map may be off across a border."""
 _ROUGH = 0.8
-"""What direct light differs within a quad, over what it differs between the quads around: 0.7 to
-0.9 before five virtual scenes with detail finer than quads."""
+"""Variation of direct light within a quad, over that between the quads around: 0.7 to 0.9 in five
+virtual scenes with detail finer than quads."""
 _EDGES_OFF = 0.05
-"""Share of this light that is unsure everywhere: pixels have edges and gaps of their own."""
+"""Relative error of this light everywhere, as pixels have edges and gaps of their own."""
 _SEEN_OFF = 0.03
-"""The same of light that was photographed, edges and all: by how long panels show it."""
+"""The same for light that was photographed, edges included: by how long panels show it."""
 _LEAST_SHARE = 1e-3
 """Share of direct light below which a quad counts as seeing no strip."""
 _LEAST_DIRECT = 0.1
-"""Share of its direct light that a quad must see to tell of it."""
+"""Share of its direct light that a quad must see to be used."""
 _BESIDE, _INNER = np.ones((5, 5)), np.zeros((5, 5))
 _BESIDE[1:-1, 1:-1], _INNER[1:-1, 1:-1] = 0.0, 1.0
 _INNER[2, 2] = 0.0
 """Which parts of a cell are lit in either photo: those beside its borders, those next to these."""
 _INDIRECT_OFF = 0.5
-"""Share of the indirect light of the photo beside that is unsure: from nearer more may come."""
+"""Relative error of the measured indirect light: more may come from nearer by."""
 
 
 @dataclass(frozen=True)
 class BorderMeasurement:
-    """What a photo of the strips alone tells (`pdcd.planning.border_photo`).
+    """What a photo of the strips alone shows (`pdcd.planning.border_photo`).
 
-    light : of each kind of them within a second, of quads, less the indirect light that got in.
-    indirect : that light, (h, w, C), as the photo has it for which nothing but the pixels next to
-    those beside borders were lit. reach : how far from borders pixels were lit and open, in cells
-    (x, y). leak : what a closed mask lets through of the light of lit pixels.
+    light : of all strips in a second, on quads, without the indirect light that got in. indirect :
+    that indirect light, (h, w, C), from the photo in which only the pixels next to those beside
+    borders were lit. reach : how far from borders pixels were lit and open, in cells (x, y). leak :
+    share of the light of lit pixels that a closed mask lets through.
     """
 
     light: AmbientLight
@@ -67,7 +66,7 @@ class BorderMeasurement:
     leak: float = 0.0
 
     def without_leak(self, direct: Floats, cells: CellMap) -> tuple[Floats, Floats]:
-        """`light` and `indirect` without what of the direct light (h, w, C) got through the closed
+        """`light` and `indirect` without the direct light (h, w, C) that got through the closed
         mask."""
         down, right = (_rings(reach) for reach in self.reach[::-1])
         beside, inner = (
@@ -78,7 +77,7 @@ class BorderMeasurement:
 
 
 def _rings(reach: float) -> tuple[float, ...]:
-    """Where a cell is cut into what lies beside its borders, next to that, and within."""
+    """Where a cell is cut into a ring beside its borders, a ring next to that, and the inside."""
     inner = min(2.0 * reach, 0.499)
     return 0.0, reach, inner, 1.0 - inner, 1.0 - reach, 1.0
 
@@ -88,7 +87,7 @@ class BorderLight:
     """The strips of a photo as a camera sees them.
 
     strips, lit_s : the strips, and for how long each piece of the field is lit through the mask of
-    another cell (`pdcd.probing.borders.BorderStrips.lit_s`). weight_s : () or (h, w), of the quads.
+    another cell (`pdcd.probing.borders.BorderStrips.lit_s`). weight_s : of the quads, () or (h, w).
     """
 
     strips: tuple[BorderStrips, ...]
@@ -98,7 +97,7 @@ class BorderLight:
 
     @classmethod
     def of(cls, realised: Factors, weights: QuadWeights, cells: CellMap) -> BorderLight | None:
-        """That of a photo; None where both panels draw all borders alike, or nobody looked."""
+        """The strips of a photo; None where both panels draw all borders alike."""
         if not realised.apart:
             return None
         lit = tuple(s.lit_s(realised.left, realised.right, cells.grid) for s in realised.apart)
@@ -111,8 +110,8 @@ class BorderLight:
         return np.asarray(seen / self.weight_s)
 
     def weigh_direct(self, of_quads: QuadWeights) -> QuadWeights:
-        """What to divide the quads of a photo of direct light by, which has no such light along
-        the borders; a quad that sees little else is blind."""
+        """What to divide the quads of a photo of direct light by, which lacks this light along the
+        borders. A quad that sees little else is blind."""
         seen = 1.0 - compute_strip_shares(self.strips, self.cells) + self.share()
         dark = seen < _LEAST_DIRECT
         blind = dark if of_quads.blind is None else of_quads.blind | dark
@@ -120,7 +119,7 @@ class BorderLight:
         return QuadWeights(weight, blind if blind.any() else None)
 
     def light(self, direct: NDArray[np.floating]) -> Floats:
-        """Light that gets into each quad, (h, w, C), where direct light is that, (h, w, C)."""
+        """Light that gets into each quad, (h, w, C), given the direct light (h, w, C)."""
         found = np.zeros(direct.shape)
         for strips, lit in zip(self.strips, self.lit_s, strict=True):
             x, y = self.cells.filled.from_field(strips.centres(self.cells.grid)).T
@@ -139,9 +138,9 @@ class BorderLight:
     def take_out(
         self, photo: Picture, white: Picture, seen: BorderMeasurement | None = None
     ) -> Picture:
-        """A photo of indirect light, and its error bar by the sensor, without this light: as a
-        photo of it was `seen`, or as direct light is around. There, where nothing is known of the
-        white photo the other stays as it is."""
+        """A photo of indirect light, and its error bar by the sensor, without this light: as it was
+        `seen` in a photo of its own, or else as bright as the direct light around. In the latter
+        case nothing is taken out where the white photo is unknown."""
         share = self.share()
         if seen is not None:
             gain, light, _ = self._seen(photo, white, share, seen)
@@ -159,9 +158,10 @@ class BorderLight:
     def error(
         self, photo: Picture, white: Picture, seen: BorderMeasurement | None = None
     ) -> Floats:
-        """Standard deviation of a photo without this light, (h, w, C), by what was taken out: by
-        how long it was open in the photo of it, and by indirect light that got into that; or by
-        what the camera's map may be off, and what direct light may differ within a quad.
+        """Standard deviation, (h, w, C), of the light that was taken out of a photo. If the light
+        was `seen`, it comes from the time for which panels showed it, and from indirect light that
+        got into that photo; else from the camera's map, and from the variation of direct light
+        within a quad.
 
         photo : what `take_out` made.
         """
@@ -174,22 +174,21 @@ class BorderLight:
     def _seen(
         self, photo: Picture, white: Picture, share: Floats, seen: BorderMeasurement
     ) -> tuple[Floats, Floats, Floats]:
-        """The gain of each quad, (h, w, 1), and what was seen of light along borders and of
-        indirect light, without what a closed mask lets through of direct light."""
+        """The gain of each quad, (h, w, 1), and the measured light along borders and indirect
+        light, without the direct light that a closed mask lets through."""
         direct = np.where(np.isfinite(white.sigma), white.image - photo.image, 0.0)
         return self._gain(share)[..., None], *seen.without_leak(direct, self.cells)
 
     def _gain(self, share: Floats) -> Floats:
-        """Light in each quad of the photo, over that of a photo of strips within a second, (h, w):
-        by how long they were open there; where nobody knows of one, as long as others on
-        average."""
+        """Light in each quad of the photo over that of a photo of strips in a second, (h, w): the
+        time for which the strips there were open; where there are none, the mean time."""
         area = compute_strip_shares(self.strips, self.cells)
         usual = float((share * self.weight_s).sum() / area.sum()) / self.weight_s
         gain = np.divide(share, area, out=np.zeros_like(area), where=area > _LEAST_SHARE)
         return np.where(area > _LEAST_SHARE, gain, usual)
 
     def _off(self, direct: NDArray[np.floating], share: Floats) -> Floats:
-        """Standard deviation of what was taken out by itself, (h, w, C)."""
+        """Standard deviation of light that was interpolated and taken out, (h, w, C)."""
         moved = np.zeros(self.cells.frame)
         for strips, lit in zip(self.strips, self.lit_s, strict=True):
             one, other = (np.roll(lit, by, axis=1 - strips.axis) for by in (1, -1))
@@ -209,7 +208,7 @@ class BorderLight:
 
 
 def compute_strip_shares(strips: tuple[BorderStrips, ...], cells: CellMap) -> Floats:
-    """Share of what each quad sees that strips take, (h, w)."""
+    """Share of each quad's area that strips take, (h, w)."""
     area = np.zeros(cells.frame)
     for each in strips:
         area += cells.gather(each.area(cells.grid), each.cuts)

@@ -1,11 +1,11 @@
 """Lines along the borders of whole cells in a photo of indirect light: direct light that gets from
 one cell through the mask of the next.
 
-No scene knows where cells end, so a photo without such light has no lines there. Their height,
-over the direct light beside them, is how far light is blurred on its way to the mask, or how far
-the mask lies elsewhere, beyond what was known and taken out. Thousands of borders tell it together:
-far more finely than photos of blocks can (`pdcd.pictures.block_blur`), but only of whole cells, and
-in the photo itself.
+No scene knows where cells end, so a photo without such light has no lines there. The height of the
+lines, over the direct light beside them, measures how far light is blurred on its way to the mask,
+or how far the mask lies elsewhere, beyond what was known and taken out. Thousands of borders
+together measure it far more finely than photos of blocks can (`pdcd.pictures.block_blur`), but only
+for whole cells, and in the photo itself.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ from pdcd.sensor.raw import shrink_image
 _REACH = 0.01
 """Share of a cell's side that counts as its border."""
 _PASSED = 1.0 / np.sqrt(2.0 * np.pi)
-"""Light that gets across a border, over the blur: the integral of a normal tail on either side."""
+"""Light that crosses a border, over the blur: the integral of a normal tail on either side."""
 _FEWEST_QUADS, _ENOUGH_QUADS = 2.5, 8.0
-"""Quads along a side of a cell from which lines stand out, and to which finer ones are joined."""
+"""Quads along a side of a cell from which lines can be seen, and to which finer ones are binned."""
 _BESIDE = 1.5
-"""Quads around a line that it is compared with: the standard deviation of their weights."""
+"""Standard deviation, in quads, of the weighted mean that a line is compared with."""
 _LIT = 0.02
-"""Share of the bright quads' light below which a quad tells nothing."""
+"""Share of the bright quads' light below which a quad is not used."""
 _ROUNDS = 4
-"""Times that direct light is told from a photo without what got into it."""
+"""Iterations that estimate direct light from a photo without the light that got into it."""
 _PATCH_CELLS, _FEWEST_PATCHES = 3.0, 8
-"""Cells along a side of a part of the field that tells of lines by itself, and how many of these it
-takes: a scene may have an edge along a border here and there, but not everywhere."""
+"""Side, in cells, of the patches of the field that each give an estimate of the lines, and how many
+of these it takes: a scene may have an edge along a border here and there, but not everywhere."""
 _SURE = 3.0
-"""Standard deviations from which there are lines."""
+"""Standard deviations from which lines count as found."""
 
 
 def measure_border_blur(
     record: RunRecord, recipe: Recipe, pictures: Mapping[str, PictureWithErrors], cells: CellMap
 ) -> float:
-    """Standard deviation in projector pixels of a blur that would make the lines along borders that
-    photos of indirect light have, beside the known one; 0 where there are none, or nothing tells.
+    """Standard deviation, in projector pixels, of the blur beside the known one that would make the
+    lines along borders in photos of indirect light; 0 where there are none, or too few to measure.
 
     Caller: `pdcd.pictures.darkroom`, for the error bars and the verdict.
     """
@@ -72,7 +72,7 @@ def measure_border_blur(
 
 
 def _measure_lines(indirect: Picture, white: Picture, cells: CellMap) -> float:
-    """Of one photo, in cells."""
+    """The blur by the lines of one photo, in cells."""
     side = int(cells.quad_cells**-0.5 / _ENOUGH_QUADS)
     side = next((n for n in range(side, 1, -1) if cells.can_bin(n)), 1)
     small = cells.binned(side)
@@ -88,7 +88,7 @@ def _measure_lines(indirect: Picture, white: Picture, cells: CellMap) -> float:
 
 
 def _shrink(picture: Picture, side: int, known: Bools) -> Floats:
-    """Grey light of squares of quads, (h, w); those with one of which nothing is known are no more
+    """Grey light of squares of quads, (h, w). Squares with an unknown quad are taken out of
     `known`."""
     lost = ~np.isfinite(picture.sigma).all(axis=-1)
     grey: Floats = np.where(lost, 0.0, picture.image.mean(axis=-1, dtype=np.float64))
@@ -100,8 +100,8 @@ def _shrink(picture: Picture, side: int, known: Bools) -> Floats:
 
 
 def _map_borders(cells: CellMap) -> tuple[Floats, Floats]:
-    """Share of the direct light that gets across borders where a quad looks, (h, w): those to the
-    left and right, and those above and below. At a blur of one cell, were it in proportion."""
+    """Share of the direct light that crosses borders where each quad looks, (h, w): those to the
+    left and right, and those above and below; for a blur of one cell, if it were proportional."""
     cut, beside = (0.0, _REACH, 1.0 - _REACH, 1.0), np.array([[1.0, 0.0, 1.0]])
     across = cells.gather(np.tile(beside, cells.grid), ((0.0, 1.0), cut))
     down = cells.gather(np.tile(beside.T, cells.grid), (cut, (0.0, 1.0)))
@@ -109,12 +109,12 @@ def _map_borders(cells: CellMap) -> tuple[Floats, Floats]:
 
 
 def _fit_height(share: Floats, border: Floats, known: Bools, patch: NDArray[np.intp]) -> float:
-    """Height of lines, over `border`, in a share of indirect light, (h, w) each: over half of all
-    patches, where there are any. patch : (h, w), the number of each quad's."""
+    """Height of lines in a share of indirect light, over `border`, (h, w) each: the median over
+    patches. patch : (h, w), the number of each quad's."""
     weight = np.maximum(scipy.ndimage.gaussian_filter(known.astype(np.float64), _BESIDE), 1e-3)
 
     def level_out(values: Floats) -> tuple[Floats, Floats]:
-        """What values are above those around, and the level of these: (n,) each."""
+        """How much values exceed the mean of those around, and that mean: (n,) each."""
         inside = np.where(known, values, 0.0)
         level = scipy.ndimage.gaussian_filter(inside, _BESIDE) / weight
         return (inside - level)[known], level[known]
@@ -122,8 +122,8 @@ def _fit_height(share: Floats, border: Floats, known: Bools, patch: NDArray[np.i
     (lifted, around), (lines, usual) = level_out(share), level_out(border)
     height, error = 0.0, 0.0
     for _ in range(_ROUNDS):
-        # Of the light around; its own would go up and down with the scene, as the share does. What
-        # got into the photo is missing in the light that is direct by it.
+        # Scaled by the light around: the line's own varies with the scene, as the share does. The
+        # light that got into the photo is missing from the difference taken for direct light.
         line = lines * (1.0 - around) / np.maximum(1.0 - height * usual, 0.5)
         along, power = (np.bincount(patch[known], each) for each in (line * lifted, line**2))
         told = power > 0.1 * np.max(power, initial=0.0)

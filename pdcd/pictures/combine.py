@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 NO_PICTURES: Mapping[str, Picture] = MappingProxyType({})
 _LEAST_OPEN = 1e-6
-"""Time of an open mask over a photo's weight that is none: black exposures are as long as others,
-to rounding."""
+"""Time of an open mask over a photo's weight that counts as none: black exposures are as long as
+others, except for rounding."""
 
 
 def scale_photos(
@@ -59,8 +59,8 @@ def scale_photos(
     weights : of the cells of each photo, by name (`pdcd.pictures.weights.weigh_cells`).
     cells : tells which quads see which cell.
     added : what is known to be missing from a photo, (h, w, C) in scene units, by name.
-    borders : what a photo of the light along borders of cells tells, if there is one.
-    room : (N, C), light of cells in a second that a dark photo shows.
+    borders : what a photo of the light along borders of cells shows, if there is one.
+    room : (N, C), light of the room on cells in a second, from a dark photo.
     whites : photos of all light that were scaled before, by name.
     """
     scaled: dict[str, Picture] = {}
@@ -129,8 +129,8 @@ def find_removed_direct(
 
 
 def _weigh_quads(weights: CellWeights, cells: CellMap) -> QuadWeights:
-    """What to divide the quads of a photo by: those of direct light alone by less where panels draw
-    borders of cells apart, as that is dark there."""
+    """What to divide the quads of a photo by. Where panels draw borders of cells apart, a photo of
+    direct light alone is dark, and these quads are divided by less."""
     of_quads = weigh_quads(weights, cells)
     if weights.photo.wanted.uniform != (1.0, 0.0):
         return of_quads
@@ -147,7 +147,7 @@ def _border_of(realised: Factors, of_quads: QuadWeights, cells: CellMap) -> Bord
 
 
 def _unmixes(photo: RecipePhoto, white: list[str]) -> bool:
-    """Whether direct light is taken out of a photo: of indirect light, beside one of all light."""
+    """Whether direct light is taken out: of indirect light, where there is a white photo."""
     return bool(white) and photo.wanted.uniform == (0.0, 1.0)
 
 
@@ -192,8 +192,9 @@ def _scaled(
 
 
 def _without_room(photo: Picture, weights: CellWeights, room: Floats, cells: CellMap) -> Picture:
-    """A photo without the room's light, (N, C) of cells in a second, for as long as its mask was
-    open beyond what black exposures take off. Quads of a cell have it as they have light."""
+    """A photo without the room's light, (N, C) of cells in a second, for the time for which its
+    mask was open beyond its black exposures. It is shared out among a cell's quads by their light.
+    """
     opened = weights.realised.open_s / weights.cells_s
     if not (np.abs(opened) > _LEAST_OPEN).any():
         return photo
@@ -204,10 +205,10 @@ def _without_room(photo: Picture, weights: CellWeights, room: Floats, cells: Cel
 def remove_direct_light(photo: Picture, white: Picture, share: Floats) -> Picture:
     """A photo of indirect light, and its error bar, without the direct light that got into it.
 
-    Slow panels, and black that is not black, let a share r of the direct light through: so says the
-    realised probing matrix, quad by quad. A white photo is W = D + I, the coded one C = I + r D,
-    both over their weights. So I = (C - r W) / (1 - r). Where the white photo is full the other
-    keeps the light, and its error bar has as much of it as a full quad shows.
+    Slow panels, and black that is not black, let a share r of the direct light through; the
+    realised probing matrix gives r for each quad. A white photo is W = D + I, the coded one
+    C = I + r D, both over their weights. So I = (C - r W) / (1 - r). Where the white photo is
+    saturated nothing is removed, and the error bar grows by r times the light of a full quad.
 
     share : (h, w) of the direct light that the photo has
     (`pdcd.pictures.to_quads.compute_direct_share`).

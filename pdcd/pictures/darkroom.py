@@ -1,4 +1,4 @@
-"""The darkroom of one run: reads each shot once, and makes of them what is known so far."""
+"""The darkroom of one run: reads each shot once, and makes pictures of the shots so far."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ if TYPE_CHECKING:
 _Alive = Callable[[], None]
 
 _REFRESH_BYTES = 2048
-"""Of a RAW file, read in the time that the matrix of one refresh takes; roughly."""
+"""Bytes of a RAW file that are read in the time that the matrix of one refresh takes; roughly."""
 _MOST_STRETCHES = 8
-"""Stretches of a cell's border of which it is told, at most, how far panels draw it apart."""
+"""Most stretches of a cell's border for which it is worked out how far panels draw it apart."""
 _MAKING = 2.0
 """Work of making pictures, over that of the matrices of all their refreshes; roughly."""
 
@@ -67,8 +67,8 @@ _MAKING = 2.0
 class Darkroom:
     """Makes pictures of what lies in a run folder; nothing is written.
 
-    A RAW file and its refreshes are read once, when they are first needed. A `watch` is told how
-    far the work is, and may end it. All methods raise DecodeError for a lost or damaged file.
+    A RAW file and its refreshes are read once, when they are first needed. A `watch` gets the
+    progress of the work, and may end it. All methods raise DecodeError for a lost or damaged file.
     """
 
     def __init__(self, folder: Path, record: RunRecord, shelf: PhotoShelf | None = None) -> None:
@@ -88,7 +88,7 @@ class Darkroom:
 
     @property
     def record(self) -> RunRecord:
-        """What the run remembers of itself so far."""
+        """The record of the run so far."""
         return self._record
 
     @property
@@ -97,7 +97,7 @@ class Darkroom:
         return self._recipe
 
     def replan(self, record: RunRecord) -> None:
-        """The run goes on by another plan: its codes are read anew, shots stay as they are."""
+        """The run continues with another plan: its codes are read again, its shots are kept."""
         self._repeated = RepeatedMatrices(record.projector, record.mask)
         self._record = record
         self._stored = read_patterns(self._folder)
@@ -113,12 +113,12 @@ class Darkroom:
         }
 
     def coarsen(self, side: int) -> None:
-        """Make pictures of squares of `side` x `side` quads: less to see, in less time. Before
-        anything is decoded, and such as `CellMap.can_bin` allows."""
+        """Make pictures of squares of `side` x `side` quads: less detail, in less time. To be
+        called before anything is decoded, with a side that `CellMap.can_bin` allows."""
         self._side = side
 
     def set_stops(self, stops: tuple[Stop, ...]) -> None:
-        """These are known of the stops of the photos to come."""
+        """Set what is known of the light of lens stops, for the photos to come."""
         self._dark.clear()
         self._record = msgspec.structs.replace(self._record, stops=stops)
 
@@ -127,12 +127,12 @@ class Darkroom:
         self._record = msgspec.structs.replace(self._record, shots=(*self._record.shots, shot))
 
     def renew(self, shot: ShotRecord, frames: Frames, log: FrameLog) -> None:
-        """A shot was taken once more, and takes the place of the one before, which is forgotten.
+        """A shot was taken again, and replaces the one before, which is forgotten.
 
         frames, log : as frames.csv would give them back
         (`pdcd.runs.frame_table.restore_frames`). Raises DecodeError, also where the camera exposed
-        for another time than was planned, and ExposureError for another ISO or stop; then all is as
-        it was.
+        for another time than was planned, and ExposureError for another ISO or stop; then nothing
+        has changed.
         """
         raw, repeated = self._read(shot), self._repeated
         refuse_other_settings(shot.raw, (raw.iso, raw.f_number), shot.iso, shot.f_number)
@@ -149,7 +149,7 @@ class Darkroom:
         self._matrices[shot.name], self._exposed[shot.name] = realised, exposed
 
     def learned(self, watch: Watch | None = None) -> PilotFindings | None:
-        """What the photos of a pilot tell so far; None for a run without one."""
+        """The findings of the pilot photos so far; None for a run without a pilot."""
         how = self._record.how
         if not how.pilot:
             return None
@@ -169,7 +169,7 @@ class Darkroom:
         return learn_paths(self._record.grid, panels, bits, self._record.how.codes, seen, off)
 
     def matrices(self) -> tuple[Recipe, dict[str, RealisedShot]]:
-        """What the panels did in every shot and sum, without a look at the RAW files."""
+        """What the panels did in every shot and sum, without reading the RAW files."""
         shots: dict[str, RealisedShot] = {
             s.name: self._matrix(s, Watch()) for s in self._record.shots
         }
@@ -199,7 +199,7 @@ class Darkroom:
             learned = self.learned() if any(photo.paths for photo in recipe.photos) else None
             known = {**shots, **sums}, learned, cells, alive, *self.seen_light()
             pictures = make_pictures_with_errors(self._record, recipe, *known)
-            if self._sees_lines(recipe, pictures):  # they count in error bars
+            if self._sees_lines(recipe, pictures):  # error bars include their blur
                 pictures = make_pictures_with_errors(self._record, recipe, *known)
         view = FieldView.of(self._record, cells)
         dead = self._lost.dead if self._side == 1 else None
@@ -211,7 +211,7 @@ class Darkroom:
         )
 
     def _sees_lines(self, recipe: Recipe, pictures: Mapping[str, PictureWithErrors]) -> bool:
-        """Whether lines along borders show a blur that nobody knows of; the record has it then."""
+        """Whether lines along borders show a blur that was not known; it goes into the record."""
         look = self._record.panels
         if look is None or not look.upright:
             return False
@@ -223,19 +223,19 @@ class Darkroom:
         return True
 
     def find_full_quads(self, recipe: Recipe) -> Bools | None:
-        """Those of `pdcd.pictures.full`; None of squares of quads, too."""
+        """Those of `pdcd.pictures.full`; None also where pictures are of squares of quads."""
         if self._side > 1:
             return None
         return find_full_quads(recipe, self._exposed, self.cells, self._lost.dead)
 
     def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, ExposedShot]]:
-        """Shots and sums so far, and the recipe of the photos that they suffice for."""
+        """Shots and sums so far, and the recipe of the photos that can be made of them."""
         shots = self._shots(watch)
         recipe = narrow_to_shots(self._recipe, shots)
         return recipe, {**shots, **self._sums(recipe, shots)}
 
     def renewed(self, name: str) -> ExposedShot:
-        """A shot as it was taken last."""
+        """The latest exposure of a shot."""
         return self._exposed[name]
 
     @property
@@ -247,12 +247,12 @@ class Darkroom:
         return cells if self._side == 1 else cells.binned(self._side)
 
     def means(self, watch: Watch) -> tuple[Recipe, ShotMeans]:
-        """The same on cells, as far as the answer is made of them."""
+        """The same on cells, as far as the answer needs them."""
         recipe, shots = self.exposed(watch)
         return recipe, ShotMeans.of(recipe, shots, self.cells)
 
     def dark_means(self, photo: DarkPhoto) -> DarkPhotoLight:
-        """What got into a dark photo within a second, on cells."""
+        """Light in a dark photo within a second, on cells."""
         if photo.raw not in self._dark:
             self._dark[photo.raw] = DarkPhotoLight.of(average_shot(self.ambient(photo), self.cells))
         return self._dark[photo.raw]
@@ -266,7 +266,7 @@ class Darkroom:
         return float(compute_strip_shares(self._strips, self.cells).max())
 
     def ambient(self, photo: DarkPhoto) -> AmbientLight:
-        """What got into a dark photo, over the time for which it shows each of its states."""
+        """Light in a dark photo, over the time for which it shows each of its states."""
         return self._ambient_of(self._dark_frame(photo), photo)
 
     def _dark_frame(self, photo: DarkPhoto) -> RawFrame:
@@ -287,8 +287,8 @@ class Darkroom:
         return AmbientLight(to_colours(signal, factors), np.asarray(variance, np.float64))
 
     def seen_light(self) -> tuple[BorderMeasurement | None, Floats | None]:
-        """What photos tell of the light along borders, and of the room's, (N, C); None of what was
-        not photographed, and of a room that is dark."""
+        """Measured light along borders, and of the room, (N, C); each None where it was not
+        photographed, the latter also where the room is dark."""
         record = self._record
         key = record.room, record.borders, record.stops
         if self._seen is None or self._seen[0] != key:
@@ -299,7 +299,7 @@ class Darkroom:
         return self._seen[1]
 
     def _seen_borders(self, photo: BorderPhoto) -> BorderMeasurement:
-        """The former. Of quads that are saturated there nobody knows it."""
+        """The measured light along borders; unknown at quads that are saturated there."""
         from pdcd.pictures.border_light import BorderMeasurement  # as above
 
         frame, inner = self._dark_frame(photo), self.ambient(photo.inner)
@@ -315,18 +315,18 @@ class Darkroom:
         gain = self._record.profile.row(iso).gain_e_per_dn
         true = stop_of(f_number, self._record.stops).true
         contrast = self._record.projector.contrast or math.inf
-        # Where black is taken off with the room's light, a unit is white without it.
+        # Where black is subtracted with the room's light, a unit is white without that black.
         full = 1.0 if self._record.room is None else 1.0 - 1.0 / contrast
         return np.asarray(gain * true**2 / full / np.array(self._record.responsivity_e))
 
     def _apart(self) -> dict[str, float]:
-        """What `DecodedRun.apart` says."""
+        """The value of `DecodedRun.apart`."""
         whole = [shot.name for shot in self._record.shots if shot.window == "whole"]
         return dict.fromkeys(whole, self._drawn_apart) if whole else {}
 
     @cached_property
     def _drawn_apart(self) -> float:
-        """Share of the field in which the panels draw different cells: of all shots of the run."""
+        """Share of the field in which the panels draw different cells; the same for all shots."""
         panels = place_panels(self._record.projector, self._record.mask)
         return compute_cell_mismatch_share(panels.projector, panels.mask, self._record.grid)
 
@@ -338,11 +338,11 @@ class Darkroom:
         return find_strips(panels.projector, panels.mask, self._record.grid, fine)
 
     def _sums_up(self, shots: Mapping[str, RealisedShot]) -> bool:
-        """Whether all photos are there that the recipe's sums want."""
+        """Whether all photos that the recipe's sums need are there."""
         return bool(self._recipe.sums) and all(name in shots for name in self._recipe.stack)
 
     def _sums(self, recipe: Recipe, shots: Mapping[str, ExposedShot]) -> dict[str, ExposedShot]:
-        """Weighted sums of single photos, as `DecodedRun.sums` has them."""
+        """Weighted sums of single photos, for `DecodedRun.sums`."""
         if not self._sums_up(shots):
             return {}
         return sum_stack_shots(recipe, shots, self._stack_bits(), self.cells)
@@ -410,7 +410,7 @@ class Darkroom:
         )
 
     def _develop(self, shot: ShotRecord, raw: RawFrame, shown: RealisedMatrix) -> RawShot:
-        """A shot out of its RAW file, and what the panels did in it."""
+        """A shot made of its RAW file, and what the panels did in it."""
         profile = self._record.profile
         self._check(shot, raw)
         raw = self._without_dead(shot, self._lost.mark_full(raw, profile, shot.iso))
@@ -422,8 +422,8 @@ class Darkroom:
         return RawShot(raw, profile, shot.iso, shot.open_s, factors, realised, shown.missed)
 
     def _without_dead(self, shot: ShotRecord, raw: RawFrame) -> RawFrame:
-        """The same with dead quads as saturated ones, of which nothing is known; where a white shot
-        shows them only now, those before it, too."""
+        """The same with dead quads marked as saturated, hence unknown. If this white shot is the
+        first to show them, they are marked in the earlier shots, too."""
         cells = self._record.cells if self._planned[shot.name].all_light else None
         if self._lost.dead is None and cells is not None and can_tell_samples(cells):
             self._lost.dead = find_dead_samples(raw, self._record.profile, shot.iso)
@@ -435,7 +435,7 @@ class Darkroom:
         return raw if self._lost.dead is None else raw.without(self._lost.dead)
 
     def _check(self, shot: ShotRecord, raw: RawFrame) -> None:
-        """Note what the first photo is like, and refuse others that are not. Raises DecodeError."""
+        """Note the format of the first photo, and refuse others that differ. Raises DecodeError."""
         cells = self._record.cells or place_quads(self._record, raw.frame)
         if self._record.cells is None:
             self._record = msgspec.structs.replace(self._record, cells=cells)

@@ -28,7 +28,7 @@ TRANSPORT_PICTURE = "preview/transport.png"
 
 
 class ComparedFile(msgspec.Struct, frozen=True):
-    """One picture: its path in the run folder, and whether it came out the same, byte by byte."""
+    """One picture: its path in the run folder, and whether it came out byte for byte the same."""
 
     name: str
     identical: bool
@@ -38,7 +38,7 @@ class RunComparison(msgspec.Struct, frozen=True):
     """What came out when a run was decoded again."""
 
     identical: bool
-    """Whether all pictures did."""
+    """Whether all pictures came out the same."""
     files: tuple[ComparedFile, ...]
 
 
@@ -115,8 +115,8 @@ def convert_record_errors(folder: Path) -> Iterator[None]:
 def decode_folder(folder: Path, watch: Watch | None = None) -> RunComparison:
     """Decode a finished run again and compare with the TIFFs it holds.
 
-    `watch` is told how far it is. Raises DecodeError when the folder is not a finished run, or when
-    anything of it has changed (`pdcd.runs.verify`); nothing is decoded then.
+    `watch` gets the progress. Raises DecodeError when the folder is not a finished run, or when
+    anything in it has changed (`pdcd.runs.verify`); nothing is decoded then.
     """
     watch = watch or Watch()
     manifest = read_whole_manifest(folder, alive=watch)

@@ -34,17 +34,17 @@ class DecodedRun:
     view: FieldView
     """How the camera saw the field, for pictures that are to be upright on it."""
     sums: dict[str, ExposedShot] = field(default_factory=dict)
-    """Weighted sums of single photos, which the recipe's photos name like shots."""
+    """Weighted sums of single photos, which the recipe's photos refer to by name as to shots."""
     apart: Mapping[str, float] = field(default_factory=dict)
-    """Share of the field in which the panels showed different cells, of shots of whole cells."""
+    """Share of the field in which the panels showed different cells, by shot of whole cells."""
     side: int = 1
-    """Quads of the camera that one of the pictures is the mean of, each way."""
+    """Side, in quads of the camera, of the squares that the pictures' quads are means of."""
     dead: Bools | None = None
-    """(h, w), quads that are dead by a white shot; all shots have them as saturated. None where
-    nobody could tell."""
+    """(h, w), quads that a white shot showed to be dead; all shots have them as saturated. None
+    where this could not be found out."""
     full: Bools | None = None
-    """(h, w), quads that a shot of the answer has saturated by light; None where there are none, or
-    one of the pictures' is a mean of several."""
+    """(h, w), quads that light has saturated in a shot of the answer; None where there are none, or
+    where the pictures' quads are means of several."""
 
     crossed: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
     """`pdcd.pictures.weights.RealisedMatrix.crossed` of shots of codes."""
@@ -62,7 +62,7 @@ class DecodedRun:
         return solve_transport_slice(self.recipe, self.shots, self.cells, self.full)
 
     def takes_out(self, photo: RecipePhoto, normalise: NormaliseName) -> bool:
-        """Whether direct light was taken out of a photo: not where there was too much of it."""
+        """Whether direct light was taken out of a photo; not where there was too much of it."""
         shots = {**self.shots, **self.sums}
         share = compute_removed_share(photo, self.recipe, shots, self.cells, normalise=normalise)
         return share is not None

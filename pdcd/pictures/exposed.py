@@ -1,4 +1,4 @@
-"""A shot to make pictures of: its light, how sure that is, and the probing matrix it really had."""
+"""A shot to make pictures of: its light, the variance of that, and its realised probing matrix."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class FrameLight(Protocol):
 
     @property
     def variance(self) -> _Errors:
-        """Of that."""
+        """Variance of the light."""
         ...
 
 
 @dataclass(frozen=True)
 class AmbientLight:
-    """What gets in through an open mask before a black projector within a second, in scene units
-    times seconds, and its variance: (h, w, C) each."""
+    """What gets in through an open mask in front of a black projector within a second, in scene
+    units times seconds, and its variance: (h, w, C) each."""
 
     light: Floats
     variance: Floats
@@ -54,7 +54,7 @@ class ExposedShot(Protocol):
         Its variance by the sensor model.
     saturated : (h, w) bool
     realised : the probing matrix that the panels really gave it.
-    exif : what its RAW file says of itself.
+    exif : what its RAW file says about itself.
     missed : refreshes that came late or never, where that left codes with unequal light.
     """
 
@@ -99,7 +99,7 @@ class ExposedShot(Protocol):
 
 @dataclass(frozen=True)
 class ComputedShot:
-    """A shot whose light is worked out, as a sum or as foreseen; see `ExposedShot`."""
+    """A shot whose light is computed, as a sum or as a forecast; see `ExposedShot`."""
 
     light: Floats
     variance: _Errors
@@ -122,7 +122,7 @@ class RawShot:
     """A shot as its RAW file has it; light and variance are worked out when they are asked for.
 
     A camera's frame of light with its variance takes four times as much memory as its samples, and
-    a run has dozens; what is worked out piece by piece stays in the cache.
+    a run has dozens; what is computed piece by piece stays in the processor's cache.
 
     raw : the samples. profile : of the sensor. exposure_s : as timed by the bench. factors : (C,),
     from DN to scene units times seconds. The rest as of `ExposedShot`.
@@ -154,7 +154,7 @@ class RawShot:
 
     @property
     def exif(self) -> dict[str, object]:
-        """What the RAW file says of itself."""
+        """What the RAW file says about itself."""
         return self.raw.exif()
 
     def light_at(self, rows: slice, columns: slice = WHOLE_AXIS) -> Floats:
@@ -176,8 +176,8 @@ class RawShot:
 def refuse_unlike(
     name: str, raw: RawFrame, frame: tuple[int, int], colours: int, like: tuple[str, int]
 ) -> None:
-    """Raise DecodeError for a RAW file that is not like the first one of its run: of so many rows
-    and columns of quads and so many colours, and of that model and orientation."""
+    """Raise DecodeError for a RAW file unlike the first one of its run, which had `frame` quads
+    (rows, columns), so many `colours`, and the model and orientation `like`."""
     if raw.colours != colours:
         raise DecodeError(
             f"{name} has {raw.colours} colours, the camera of the run has {colours}",

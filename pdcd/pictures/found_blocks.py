@@ -1,9 +1,10 @@
 """Where a panel's blocks are seen in a photo: from the photo's pixels to those of the pattern.
 
-A photo over one of all light is sampled where the camera is believed to see the field, on a raster
-of whole projector pixels. There the pattern is looked for window by window, first close to where it
-is believed to be. Where that does not fit, all of it is looked for anywhere, also mirrored, turned,
-smaller and larger. What comes is an affine map, and what the windows differ from it.
+A photo, divided by one of all light, is sampled where the camera is believed to see the field, on a
+raster of whole projector pixels. Each window of the raster looks for the pattern, first close to
+where it is believed to be. Where that does not fit, the whole pattern is searched for anywhere,
+also mirrored, turned, smaller and larger. The result is an affine map, and what each window
+deviates from it.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ WINDOW_BLOCKS = 10
 _WINDOWS = (9, 12)
 """Windows down and across the raster."""
 _LEVEL = 4.0
-"""Standard deviation in blocks of the mean that is taken off: light that is spread, and shade."""
+"""Standard deviation, in blocks, of the local mean that is subtracted: spread light and shade."""
 _SEEN = 0.75
 """Share of a window's points that must be known."""
 _ALIKE = 0.35
@@ -43,19 +44,19 @@ _TURNS_DEG = (-6.0, -3.0, 0.0, 3.0, 6.0)
 _COARSE = 96
 """Points of the raster in the search for a pattern that lies anywhere, along the longer side."""
 _SURE = 9.0
-"""Its highest correlation over the standard deviation of all of them from which it is found."""
+"""Its highest correlation over the standard deviation of all, from which it counts as found."""
 
 _PATCH = 3
-"""Side in blocks of the patches that tell how sure a place is: what a scene does to the pattern in
-one of them has little to do with another."""
+"""Side, in blocks, of the patches from which the error of a place is estimated: what a scene does
+to the pattern in one of them is nearly independent of the next."""
 
 _OVERLAP = 2.0
-"""Windows that tell as much as one by itself: they lie over each other."""
+"""Windows that carry as much information as one by itself, as they overlap."""
 
 _FINER = 3
-"""Points to a step of the pattern, along either axis."""
+"""Samples of the panel's pixels in a step of the pattern, along either axis."""
 _NODES = 49
-"""Nodes along either axis between which a bent map is followed by splines."""
+"""Nodes along either axis between which a distorted map is interpolated by splines."""
 
 FLIPS: dict[str, tuple[float, float]] = {
     "none": (1.0, 1.0),
@@ -69,9 +70,9 @@ FLIPS: dict[str, tuple[float, float]] = {
 class FoundPattern:
     """A pattern that was found.
 
-    map : where it is. centres : (n, 2), of the windows that agree. left : (n, 2), what each of
-    them adds to the map. contrast : (n,), of the pattern in each of them: 1 where all the light of
-    the photo comes and goes with it. number : (n,), which windows of the raster they are.
+    map : where it is. centres : (n, 2), of the windows that agree. left : (n, 2), residual of the
+    map at each of them. contrast : (n,), of the pattern in each of them: 1 where all the light of
+    the photo varies with it. number : (n,), which windows of the raster they are.
     """
 
     map: AffineMap
@@ -87,7 +88,7 @@ class FoundPattern:
 
 
 class PatternFinder:
-    """Looks on a raster for blocks as a panel draws them whose map this is."""
+    """Looks on a raster for the blocks that a panel draws, given the map of the panel."""
 
     def __init__(self, blocks: BlockPattern, raster: FieldRaster, panel: Map) -> None:
         self._blocks, self.raster, self._panel = blocks, raster, panel
@@ -103,7 +104,7 @@ class PatternFinder:
     @cached_property
     def _image(self) -> Floats:
         """The pattern at steps of `_step` as the panel's pixels show it, as sharp as the raster: -1
-        and 1, 0 beside."""
+        and 1, and 0 beside the panel."""
         x, y = (
             (np.arange(_FINER * self._steps[axis]) + 0.5) / (_FINER * self._steps[axis])
             for axis in (0, 1)
@@ -131,7 +132,7 @@ class PatternFinder:
         return found
 
     def find(self, seen: Floats, known: Bools, believed: AffineMap = HERE) -> FoundPattern | None:
-        """Where the pattern is in a picture on the raster; None where it is nowhere to be found."""
+        """Where the pattern is in a picture on the raster; None where it is not found."""
         flat = _flat(seen, self.make_flattener(known))
         found = self._refined(flat, seen, known, believed)
         if found is None:
@@ -144,7 +145,7 @@ class PatternFinder:
     def _refined(
         self, flat: Floats, seen: Floats, known: Bools, start: AffineMap, reach_px: float = 0.0
     ) -> FoundPattern | None:
-        """Windows look closer and closer around where they have it; None where they disagree."""
+        """Windows search in ever smaller ranges around their last place; None if they disagree."""
         now, found = start, None
         for reach in (reach_px or _REACHES_PX[0], *_REACHES_PX[1:]):
             windows = list(self._windows(flat, known, now, reach))
@@ -181,8 +182,8 @@ class PatternFinder:
     def _windows(
         self, flat: Floats, known: Bools, now: AffineMap, reach_px: float
     ) -> Iterator[tuple[int, Floats, Floats, float]]:
-        """Number and centre of each window that shows something, by how much the pattern is further
-        on than `now` says, in projector pixels of the pattern, and the correlation there."""
+        """Number and centre of each window that shows something, the offset of the pattern from
+        where `now` has it, in projector pixels of the pattern, and the correlation there."""
         raster = self.raster
         corners, side = self._corners
         reach = int(np.ceil(reach_px / raster.pitch))
@@ -200,7 +201,7 @@ class PatternFinder:
     def _contrast(
         self, seen: Floats, known: Bools, now: AffineMap, numbers: NDArray[np.int64]
     ) -> Floats:
-        """Of the pattern in windows of a picture that was not flattened, (n,)."""
+        """Contrast of the pattern in windows of a picture that was not flattened, (n,)."""
         points, found = self.raster.points(), []
         for number in numbers.tolist():
             cut = self._cut(number)
@@ -214,8 +215,8 @@ class PatternFinder:
 
     def variance(self, seen: Floats, known: Bools, map_: AffineMap, places: Floats) -> Floats:
         """Variance of where the pattern was found, (n,) square pixels, right and down together, at
-        `places` of the field (n, 2): by how much patches of the picture, each by itself, would have
-        the map otherwise. `map_` is where it was found."""
+        `places` of the field (n, 2). It is estimated from how much each patch of the picture would
+        change the map. `map_` is where the pattern was found."""
         raster, points = self.raster, self.raster.points()
         inside = known & np.all((points >= 0.0) & (points < raster.size_px), axis=-1)
         flattener = self.make_flattener(known)
@@ -246,16 +247,16 @@ class PatternFinder:
         return np.asarray(np.unique(block @ (1, 4096), return_inverse=True)[1].ravel())
 
     def make_flattener(self, known: Bools) -> Flattener:
-        """What takes the level off pictures on the raster that are known there."""
+        """A flattener of pictures on the raster that are known there."""
         return Flattener(known, self._level_px / self.raster.pitch)
 
     def left_at(
         self, seen: Floats, known: Bools, found: FoundPattern, there: AffineMap
     ) -> tuple[float, float]:
-        """Contrast of the pattern at another place than where it was found, beside what is there by
-        the found one: the mean of windows, and its standard deviation.
+        """Contrast of the pattern at another place, fitted together with that at the place where it
+        was found: the mean over windows, and its standard deviation.
 
-        The pattern of a panel that lies elsewhere leaves nothing where it was believed to be; that
+        The pattern of a panel that lies elsewhere leaves nothing where it was believed to be. That
         of a panel in place, which a mirror shows once more, does.
         """
         points, parts = self.raster.points(), []
@@ -283,7 +284,7 @@ class PatternFinder:
         return _Coarse(blurred[::every, ::every], every * step, 0.5 * step)
 
     def _anywhere(self, flat: Floats, known: Bools) -> list[AffineMap]:
-        """Where all of a pattern may be, the likeliest first."""
+        """Where the whole pattern may be, the likeliest first."""
         raster = self.raster
         step = max(1, max(raster.shape) // _COARSE)
         rows, cols = (length // step for length in raster.shape)
@@ -329,21 +330,21 @@ class _Coarse:
 
 
 def _affine_base(at: Floats, size_px: tuple[int, int]) -> Floats:
-    """What an affine map is a sum of, at places (n, 2): (n, 3)."""
+    """Base functions of an affine map at places (n, 2): (n, 3)."""
     return np.concatenate([np.ones((len(at), 1)), at / size_px - 0.5], axis=1)
 
 
 def _beside(count: int, pixels: int) -> int:
-    """So many steps or a few more, which do not keep step with the pixels: else all edges would be
-    found to the same side."""
+    """`count` steps or a few more, so that they do not coincide with the pixels: else all edges
+    would be found shifted to the same side."""
     while gcd(_FINER * count, pixels) > _FINER:
         count += 1
     return count
 
 
 def _pixels(panel: Map, x: Floats, y: Floats) -> Floats:
-    """Places in pixels of a panel at the field's points (x, y), (y, x, 2), by splines from nodes:
-    what a lens bends is smooth."""
+    """Places in pixels of a panel at the field's points (x, y), (y, x, 2). A distorted map is
+    smooth, and is interpolated by splines."""
     if not (panel.residual or any(panel.radial) or any(panel.tangential)):
         return panel.from_field(np.stack(np.meshgrid(x, y), axis=-1))
     nodes = [np.linspace(0.0, 1.0, _NODES)] * 2
@@ -363,10 +364,10 @@ def _blocks_of(values: Floats, side: int) -> Floats:
 
 
 def compute_patch_covariance(design: Floats, left: Floats, patch: NDArray[np.int64]) -> Floats:
-    """Covariance (f, f) of the factors of a least squares fit, by how patches, each by itself,
-    would have them otherwise.
+    """Covariance (f, f) of the factors of a least squares fit, estimated from how much each patch
+    of residuals would change them.
 
-    design : (n, f). left : (n,), what the fit leaves. patch : (n,), which patch each point is of.
+    design : (n, f). left : (n,), residuals of the fit. patch : (n,), which patch each point is in.
     """
     pull = np.zeros((patch.max(initial=0) + 1, design.shape[1]))
     np.add.at(pull, patch, design * left[:, None])
@@ -383,8 +384,8 @@ def _flat(seen: Floats, flattener: Flattener) -> Floats:
 
 
 def _best(part: Floats, known: Bools, pattern: Floats, reach: int) -> tuple[Floats, float]:
-    """By how much (right, down) a window (s, s) lies further on in a piece of the pattern with
-    `reach` points more on each side; and the correlation there."""
+    """Offset (right, down) of a window (s, s) within a piece of the pattern that has `reach` more
+    points on each side; and the correlation there."""
     light = np.where(known, part - part[known].mean(), 0.0)
     size = scipy.fft.next_fast_len(pattern.shape[0], real=True)
     shape, steps = (size, size), 2 * reach + 1
@@ -405,7 +406,7 @@ def _best(part: Floats, known: Bools, pattern: Floats, reach: int) -> tuple[Floa
 
 
 def _top(line: Floats, at: int) -> float:
-    """Where a parabola through three values has its top, beside the middle one."""
+    """Where a parabola through three values has its top, relative to the middle one."""
     if not 0 < at < line.size - 1:
         return 0.0
     before, here, after = line[at - 1 : at + 2]
@@ -414,7 +415,7 @@ def _top(line: Floats, at: int) -> float:
 
 
 def _agreed(centres: Floats, places: Floats, reach_px: float) -> tuple[AffineMap | None, Bools]:
-    """The affine map that most windows agree on, and which do."""
+    """The affine map that most windows agree on, and which windows these are."""
     count = len(centres)
     if count < FEWEST:
         return None, np.zeros(count, np.bool_)

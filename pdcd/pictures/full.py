@@ -1,9 +1,8 @@
-"""Which quads of a run's answer are full of light: the brightest of their cell, and not left out by
-chance.
+"""Which quads of a run's answer are saturated by light.
 
-A dead or a stuck sample says nothing of the light that it misses: the mean of the others stands for
-it. What is saturated has more light than any other, so that a mean without it is too dark by
-nobody knows how much.
+A dead or a stuck sample is unrelated to the light that it misses: the mean of the others stands for
+it. A saturated quad has more light than the others of its cell, so that a mean without it is too
+dark by an unknown amount.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from pdcd.sensor.dead import can_tell_samples, find_always_full_samples
 def find_full_quads(
     recipe: Recipe, shots: Mapping[str, RawShot], cells: CellMap, dead: Bools | None
 ) -> Bools | None:
-    """Quads that a shot of the answer has saturated by light, (h, w); None where there are none.
+    """Quads that light has saturated in a shot of the answer, (h, w); None where there are none.
 
     shots : of the run, by name. dead : (h, w), quads that all of them have as saturated because
-    they are dead; None where nobody could tell. Samples that are white whatever they see do not
-    count where any shot tells (`pdcd.sensor.dead.find_always_full_samples`).
+    they are dead; None where this could not be found out. Samples that are white whatever they see
+    do not count where any shot shows them (`pdcd.sensor.dead.find_always_full_samples`).
     """
     names = [name for name in recipe.answer_shots if name in shots]
     if not names:

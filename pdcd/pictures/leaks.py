@@ -1,10 +1,10 @@
-"""How wrong an answer is by the light that got in while panels were black: out of dark photos.
+"""The error of an answer by the light that got in while panels were black, from dark photos.
 
-A photo is ``sum over time of m(t) (T i(t) + a)``. Ambient light `a`, and what a black projector
-lets out, get in for as long as the mask is open (limitations L2, L3). What a closed mask lets
-through gets in for as long as the projector is lit before it (L1). A dark photo shows both for a
-known time, so that their part in any photo follows by the times for which its panels were open and
-lit. These are bounds: what leaks from cells that are lit anyway is no error.
+A photo is ``sum over time of m(t) (T i(t) + a)``. Ambient light `a`, and the light of a black
+projector, get in for as long as the mask is open (limitations L2, L3). What a closed mask lets
+through gets in for as long as the projector is lit (L1). A dark photo shows both for a
+known time, so that their part in any photo follows from the times for which its panels were open
+and lit. These are upper bounds: what leaks from cells that are lit anyway is no error.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
 _SURE = 5.0
-"""Mean of a leak over its standard error from which it is there, and not the sensor's noise."""
+"""Mean of a leak over its standard error from which it counts as real, and not as noise."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class DarkPhotoLight:
         return cls(found.light, found.error**2)
 
     def less(self, other: DarkPhotoLight) -> DarkPhotoLight:
-        """What is left without another."""
+        """The difference to another."""
         return DarkPhotoLight(self.light - other.light, self.variance + other.variance)
 
     @property
@@ -52,10 +52,10 @@ class DarkPhotoLight:
 
 @dataclass(frozen=True)
 class LeakAnswer:
-    """The answer of cells with leaks in it, its variance by the sensor, (N, C) each; and what it
-    takes of a leak that shines through an open mask, and of one through a closed mask: (N, 1) each.
-    Only `seen` cells count. gross : (2, N, 1), what photos that count for it and such that count
-    against it take of the first, each without the other."""
+    """The answer on cells, leaks included, and its variance by the sensor, (N, C) each; and the
+    factors, (N, 1) each, by which a leak through an open mask and one through a closed mask enter
+    it. Only `seen` cells count. gross : (2, N, 1), the first factor of the photos that are added
+    and of those that are subtracted, separately."""
 
     image: Floats
     variance: Floats
@@ -65,31 +65,31 @@ class LeakAnswer:
     gross: Floats
 
     def ambient(self, dark: DarkPhotoLight) -> float:
-        """RMS error by the light of an open mask before a black projector, over the RMS of the
+        """RMS error by the light of an open mask in front of a black projector, over the RMS of the
         answer without it; 0 where it does not stand above the noise."""
         return self._error([(self.open, dark)])
 
     def changed(self, before: DarkPhotoLight, after: DarkPhotoLight) -> float:
-        """The same of what such light changed, had all that counts for the answer got it as it was
-        before, and all that counts against it as it was after, or the other way round."""
+        """The same by a change of such light, at most: if all photos that are added got the light
+        `before`, and all that are subtracted the light `after`, or the other way round."""
         most, between = self.gross.max(axis=0), (before.less(after), after.less(before))
         return max(self._error([(most, dark)]) for dark in between)
 
     def mask(self, dark: DarkPhotoLight) -> float:
-        """The same of a closed mask before a lit projector."""
+        """The same by the light of a closed mask in front of a lit projector."""
         return self._error([(self.closed, dark)])
 
     def both(self, ambient: DarkPhotoLight, mask: DarkPhotoLight) -> float:
-        """The same of the two together, as far as each is there."""
+        """The same by the two together, of which each counts where it stands above the noise."""
         parts = [(self.open, ambient), (self.closed, mask)]
         return self._error([part for part in parts if self._error([part])])
 
     def most(self, dark: DarkPhotoLight) -> float:
-        """The same of a dark photo of which nobody knows what is whose: at most."""
+        """The same by a dark photo whose light may have come through either panel: at most."""
         return self._error([(np.maximum(abs(self.open), abs(self.closed)), dark)])
 
     def floor(self, *darks: DarkPhotoLight) -> float:
-        """The least error that such dark photos, seen through any panel, tell from noise."""
+        """The least error by such dark photos, through any panel, that stands above the noise."""
         share = np.maximum(abs(self.open), abs(self.closed))
         return self._figures([(share, dark) for dark in darks])[1]
 
@@ -107,9 +107,10 @@ class LeakAnswer:
         return error if mean > floor else 0.0
 
     def _figures(self, parts: list[tuple[Floats, DarkPhotoLight]]) -> tuple[float, float, float]:
-        """RMS and least sure mean of a leak, and its mean, over the RMS of the answer without it.
+        """RMS of a leak, the mean from which it counts as real, and its mean: each over the RMS of
+        the answer without it.
 
-        The sensor's noise, whose square does not vanish in a mean, is taken off.
+        The square of the sensor's noise, which does not vanish in a mean, is subtracted.
         """
         zero = np.zeros(())
         leak = sum((share * dark.light for share, dark in parts), zero)[self.seen]
@@ -137,7 +138,7 @@ class ShotMeans:
 
     @classmethod
     def of(cls, recipe: Recipe, shots: Mapping[str, ExposedShot], cells: CellMap) -> ShotMeans:
-        """Those that `make_leak_answers` asks for."""
+        """Means of the shots that `make_leak_answers` needs."""
         used = _answer_photos(recipe)
         photos = [photo for photo in recipe.photos if photo.name in used]
         names = dict.fromkeys(name for photo in photos for _, name in photo.shots)
@@ -148,11 +149,11 @@ class ShotMeans:
 def make_leak_answers(
     recipe: Recipe, means: ShotMeans, lit_s: Mapping[str, float], *, normalise: NormaliseName
 ) -> list[LeakAnswer]:
-    """The answer of a recipe without corrections, on cells. Where it is made of the largest and
-    smallest of photos, which a leak hardly parts, the pictures beside it, too.
+    """The answer of a recipe without corrections, on cells. If it is made of the largest and
+    smallest of photos, whose difference a leak hardly changes, the other pictures follow.
 
-    lit_s : of each shot, how long an average cell of the projector was lit; 0 of others. Raises
-    DecodeError when a photo gathered no light at all.
+    lit_s : for each shot, how long an average cell of the projector was lit; 0 for the others.
+    Raises DecodeError when a photo gathered no light at all.
     """
     photos = {photo.name: photo for photo in recipe.photos}
     found = {
@@ -164,13 +165,13 @@ def make_leak_answers(
 def predict_photo_variances(
     recipe: Recipe, means: ShotMeans, dark: DarkPhotoLight, *, normalise: NormaliseName
 ) -> dict[str, float]:
-    """Variance that each photo of a recipe brings into the answer once black exposures have taken
-    the ambient light of `dark` off it, over the square of the answer's RMS. Of an answer that is a
-    sum of photos. Raises DecodeError when a photo gathered no light at all.
+    """Variance that each photo of a recipe brings into the answer once black exposures have removed
+    the ambient light of `dark`, over the square of the answer's RMS. Only for answers that are sums
+    of photos. Raises DecodeError when a photo gathered no light at all.
 
     A black exposure is as long as the shot that it belongs to, and holds its ambient light: the
-    noise of so much of its light comes once more. What a closed mask lets through is too little to
-    make any.
+    noise of that part of the light counts twice. What a closed mask lets through is too little to
+    matter.
     """
     if isinstance(recipe.answer, Extremes):
         return {}
@@ -187,7 +188,7 @@ def predict_photo_variances(
 
 
 def _answer_rules(recipe: Recipe) -> list[Rule]:
-    """How the pictures are made whose leaks are looked at."""
+    """Rules of the pictures whose leaks are computed."""
     extremes = isinstance(recipe.answer, Extremes)
     return list(recipe.pictures.values()) if extremes else [recipe.answer]
 

@@ -1,4 +1,4 @@
-"""What the pilot photos of a run tell of its scene: linked cells, and what to correct for them."""
+"""What the pilot photos of a run show of its scene: linked cells, and corrections for them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import WantedMatrix
 
 _Links: TypeAlias = "scipy.sparse.csr_array"
-"""By a name of its own: Python 3.15 looks types of fields up, and would load scipy.sparse."""
+"""By a name of its own: Python 3.15 looks up the types of fields, and would load scipy.sparse."""
 _Paths: TypeAlias = "tuple[_Links, ...]"
 
 
@@ -35,10 +35,10 @@ _Paths: TypeAlias = "tuple[_Links, ...]"
 class PilotFindings:
     """Paths found by a pilot, or what its scouts saw.
 
-    links : sparse (N, N), of all channels together; paths : the same of each, C in all.
+    links : sparse (N, N), of all channels together. paths : the same for each of C channels.
     worth : predicted errors with and without the pilot; if it does not pay, the paths are empty.
-        None where only the scouts were taken, which find no paths, and after a short pilot, whose
-        scouts alone tell whether it pays.
+        None where only the scouts were taken, which find no paths, and after a short pilot, where
+        the scouts alone decide whether it pays.
     sharpness : of the light in the scouts (`pdcd.codes.pilot.links.estimate_sharpness`).
     """
 
@@ -70,12 +70,12 @@ def scale_code_photos(
     """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, C) each.
 
     taken : what the panels did in each of K photos. bits : (K, N), their codes. seen : light of
-    their cells (`pdcd.pictures.to_cells.unmix_cells`). Each is divided by its own time of open mask
-    and lit projector.
+    their cells (`pdcd.pictures.to_cells.unmix_cells`). Each photo is divided by the time for which
+    its mask was open and the projector lit.
 
-    `ambient` light, of one dark photo, is taken off for the time for which the mask was open. Its
-    own noise is the same in all photos, and no part of their standard deviation: it comes third, as
-    variance (N, C).
+    `ambient` light, from one dark photo, is subtracted for the time for which the mask was open.
+    Its own noise is the same in all photos, so it is no part of their standard deviation: its
+    variance, (N, C), is returned third.
     """
     weights = code_times_s(taken, bits)[:, None, None]
     photos, sigmas = seen.light, seen.error
@@ -95,10 +95,10 @@ def learn_paths(
     seen: CellLight,
     ambient: CellLight | None = None,
 ) -> PilotFindings:
-    """Find the strong far paths in the pilot photos, `total` codes being spent in all.
+    """Find the strong far paths in the pilot photos of a run that will use `total` codes in all.
 
-    Others as of `scale_code_photos`; `bits` may be of more photos, those to come. With the scouts
-    alone, only look whether there may be any.
+    Others as of `scale_code_photos`; `bits` may include photos still to come. With the scouts
+    alone, only estimate whether there may be any.
     """
     bits = bits[: len(taken)]
     photos, sigma, common = scale_code_photos(taken, bits, seen, ambient)
@@ -150,9 +150,10 @@ def _beside(paths: _Paths, grid: tuple[int, int]) -> Floats:
 def compute_path_corrections(
     learned: PilotFindings, realised: Factors, weight_s: float | Floats, wanted: WantedMatrix
 ) -> Floats:
-    """What to add to a picture of what is wanted for the paths found, (N, C), in scene units.
+    """What to add to a picture of what is wanted, as its codes miscount the paths found, (N, C), in
+    scene units.
 
-    weight_s : what the picture was divided by, of all cells or (N,).
+    weight_s : what the picture was divided by, for all cells or (N,).
     """
     left, right = realised.left, realised.right
     return np.stack(
@@ -180,8 +181,8 @@ def _kept(wanted: WantedMatrix, paths: scipy.sparse.csr_array) -> Floats:
 
 
 def code_times_s(realised: Sequence[Factors], bits: Bools) -> Floats:
-    """`time_s` of several photos, (K,), by their codes (K, N). Codes that light no cell, as there
-    are on grids of a few cells, are taken to be shown as long as the others on average."""
+    """`time_s` of several photos, (K,), by their codes (K, N). Codes that light no cell, which
+    exist on grids of a few cells, are taken to be shown for the mean time of the others."""
     times: Floats = np.array([time_s(*one) for one in zip(realised, bits, strict=True)])
     lit = bits.any(axis=1)
     if lit.any():

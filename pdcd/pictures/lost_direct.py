@@ -1,8 +1,8 @@
-"""What light is lost where the mask does not lie where it is believed to, or sees light blurred.
+"""Light that is lost where the mask lies elsewhere than believed, or where it gets blurred light.
 
 Direct light then goes through the window of another cell: it is missing in pictures of direct light
 and added to those of indirect light. Where a camera sees a place beside the mask's picture, no
-light comes at all. Both follow from what photos of blocks showed (`pdcd.pictures.misplaced`).
+light comes at all. Both follow from photos of blocks (`pdcd.pictures.misplaced`).
 """
 
 from __future__ import annotations
@@ -33,28 +33,28 @@ from pdcd.runs.record import PanelLook, RunRecord, Six
 from pdcd.sensor.cells import CellMap
 
 _SURE_PX = 0.1
-"""Error with which blocks are found, in projector pixels, or in quads where these are larger."""
+"""Error of the place of blocks, in projector pixels, or in quads where these are larger."""
 _SIGMAS = 3.0
-"""Standard deviations of its own that a look may be off by."""
+"""Standard deviations by which the place found by a look may be off."""
 _LEAST_APART = 1e-4
-"""Share of the field in which panels draw different cells below which nobody could see it."""
+"""Least error, as a share of direct light, that is added to error bars: less is not visible."""
 _LEAST_KEPT = 0.5
-"""Share of direct light that must go through its own cells for the photos to tell how much there
-is."""
+"""Share of direct light that must go through its own cells for the photos to measure it."""
 _UNSURE_QUADS = 1.0
-"""How unsure it is where in a window a quad looks."""
+"""Standard deviation of the place in a window that a quad sees, in quads."""
 _IN_QUAD = 4, 24
-"""Places along either side of a quad at which its light comes from: as many as a blur asks for."""
+"""Least and most points along either side of a quad over which its light is averaged; a narrower
+blur needs more."""
 _EDGE_PX, _EDGE_QUADS = 0.5, 0.25
-"""How far a quad may reach beyond the mask's edge, in projector pixels or of its side: an edge is
-found to a third of either, and the quad has most of its light."""
+"""How far a quad may reach beyond the mask's edge, in projector pixels or in quads: the edge is
+located to a third of either, and such a quad still gets most of its light."""
 
 
 @dataclass(frozen=True)
 class LostDirectLight:
     """Direct light that goes through wrong cells, over all of it: the mean over the field, and the
-    root of the mean square over the camera's quads. Photos of indirect light have it in units of
-    the weight of indirect light."""
+    root of the mean square over the camera's quads. Photos of indirect light contain it, in units
+    of the weight of indirect light."""
 
     mean: float = 0.0
     rms: float = 0.0
@@ -63,8 +63,8 @@ class LostDirectLight:
 def estimate_lost_direct(
     record: RunRecord, window: str, *, blurred: bool = True
 ) -> LostDirectLight:
-    """What is lost through such windows because the mask lies elsewhere, and by a blur beyond the
-    known one, if that counts; none where nobody looked, or the look tells nothing."""
+    """What is lost through such windows because the mask lies elsewhere, and because of a blur
+    beyond the known one if `blurred`. Nothing is lost where no look was taken, or it failed."""
     look = record.panels
     if look is None or look.mask is None:
         return LostDirectLight()
@@ -85,7 +85,7 @@ def estimate_lost_direct(
 def _compute_lost(
     record: RunRecord, window: str, offset_px: Floats, spread_px: float
 ) -> LostDirectLight:
-    """What is lost beyond what the known blur sends through wrong cells. offset_px : (n, 2)."""
+    """What is lost beyond what is lost by the known blur alone. offset_px : (n, 2)."""
     side, cell = find_window_kind(window).side, mean_cell_px(record)
     (right, down), none = offset_px.T, np.zeros(1)
     known = (none, none), record.mask.blur_px
@@ -102,14 +102,14 @@ def estimate_misplaced_light(
     record: RunRecord, window: str, cells: CellMap, white: Floats, indirect: Floats
 ) -> Floats | None:
     """Direct light, (h, w, C), that got into a photo of indirect light through wrong cells; None
-    where that is hardly any. Error bars add it.
+    where there is hardly any. It is added to the error bars.
 
     window : of the photo's shots. white, indirect : scaled pictures (h, w, C).
     """
     look, lost = record.panels, estimate_lost_direct(record, window)
     if look is None or look.mask is None or lost.rms < _LEAST_APART:
         return None
-    if lost.mean > 1.0 - _LEAST_KEPT:  # the photos do not tell any more how much there is
+    if lost.mean > 1.0 - _LEAST_KEPT:  # the photos no longer measure how much direct light there is
         return np.asarray(lost.rms * look.direct * np.abs(white))
     share = estimate_lost_by_quad(record, look, look.mask, window, cells)[..., None]
     return np.asarray(share / np.maximum(1.0 - share, _LEAST_KEPT) * np.abs(white - indirect))
@@ -118,9 +118,9 @@ def estimate_misplaced_light(
 def estimate_lost_by_quad(
     record: RunRecord, look: PanelLook, mask: Six, window: str, cells: CellMap
 ) -> Floats:
-    """What `estimate_lost_direct` is the mean of, at each quad (h, w): it lies along the edges of
-    windows, where fine quads see it in full. mask : where the look found the mask's picture, which
-    is not mirrored."""
+    """What `estimate_lost_direct` is the mean of, at each quad (h, w). The loss lies along the
+    edges of windows, where fine quads see it in full. mask : where the look found the mask's
+    picture, which is not mirrored."""
     places = cells.centres * record.projector.field_size_px
     # The mask's picture lies further right and down by so much; light on it, further left and up.
     offset = -compute_shifts_px(mask, places, known_shift_px(record.mask))
@@ -144,8 +144,8 @@ def _compute_lost_squares(
     offset_px: Floats,
     spread_px: float,
 ) -> Floats:
-    """Squares of what is lost beyond what the known blur sends through wrong cells, (h, w). places,
-    offset_px : where light falls on the mask, and by how much that is off, (h, w, 2)."""
+    """Squares of what is lost beyond the loss by the known blur alone, (h, w). places, offset_px :
+    where light falls on the mask, and by how much that is off, (h, w, 2)."""
     size_px = record.projector.field_size_px
     kind, cell = find_window_kind(window), mean_cell_px(record)
     pixel = quad_px(place_panels(record.projector, record.mask).mask.map, size_px)
@@ -187,22 +187,22 @@ def _quad_px(record: RunRecord) -> float:
 
 
 def _spread_px(record: RunRecord, look: PanelLook) -> float:
-    """Blur on the mask, and what places lie elsewhere beside a look's map."""
+    """Blur on the mask, combined with the residual of a look's map."""
     return float(np.hypot(max(record.mask.blur_px, look.blur_px), look.rest_px))
 
 
 def blur_with_lines_px(record: RunRecord, look: PanelLook) -> float:
-    """Blur on the mask that makes the lines along borders of cells, too."""
+    """Blur on the mask, the one that shows as lines along borders of cells included."""
     return float(np.hypot(record.mask.blur_px, look.border_px))
 
 
 def finding_error_px(record: RunRecord) -> float:
-    """Error with which blocks are found, in projector pixels."""
+    """Error of the place of blocks, in projector pixels."""
     return _SURE_PX * max(_quad_px(record), 1.0)
 
 
 def _sure(off: Floats, record: RunRecord, look: PanelLook) -> Floats:
-    """Of offsets (..., 2) what is beyond the error of finding them, and beyond the noise of the
+    """The part of offsets (..., 2) beyond the error of finding them, and beyond the noise of the
     look, which adds to them as squares do."""
     least_px, noise_px = finding_error_px(record), _SIGMAS * look.sigma_px
     length = np.hypot(off[..., 0], off[..., 1])
@@ -212,10 +212,10 @@ def _sure(off: Floats, record: RunRecord, look: PanelLook) -> Floats:
 
 
 def find_quads_beside_mask(record: RunRecord, cells: CellMap) -> Bools | None:
-    """Quads (h, w) that see a place beside the mask's picture, as blocks showed it: no light comes
-    from there, whatever the scene has. None where nobody looked, or the look tells nothing.
+    """Quads (h, w) that see a place beside the mask's picture, as photos of blocks located it: no
+    light comes from there, whatever the scene has. None where no look was taken, or it failed.
 
-    Callers: error bars, which know nothing there, and the verdict. cells : the map of the frame.
+    Callers: error bars, which are infinite there, and the verdict. cells : the map of the frame.
     """
     look = record.panels
     if look is None:

@@ -1,4 +1,4 @@
-"""Samples of a run's photos that tell nothing, though their files do not say so."""
+"""Dead and saturated samples of a run's photos that their files do not mark."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pdcd.sensor.raw import RawFrame
 
 @dataclass
 class LostSamples:
-    """For the darkroom. dead : (h, w), quads that are dead by a white shot, None before one tells.
-    full_dn : by ISO, where full samples end below what the profile says."""
+    """For the darkroom. dead : (h, w), quads that a white shot showed to be dead; None before one
+    was looked at. full_dn : by ISO, the level of full samples where it is below the profile's."""
 
     dead: Bools | None = None
     full_dn: dict[int, float] = field(default_factory=dict)
 
     def mark_full(self, raw: RawFrame, profile: SensorProfile, iso: int) -> RawFrame:
-        """The same with full samples as saturated ones, by where those of this photo or of one
-        before end; a warning says so."""
+        """The frame with full samples marked as saturated, by their level in this photo or in one
+        before; a warning says so."""
         found = find_full_level(raw, profile, iso)
         if found is not None:
             self.full_dn[iso] = min(found, self.full_dn.get(iso, found))

@@ -1,11 +1,11 @@
-"""Whether both panels lie where they are believed to: out of photos of the same random blocks.
+"""Whether both panels lie where they are believed to, from photos of the same random blocks.
 
-One photo shows blocks on the projector behind an open mask, one the same blocks on the mask before
-a lit projector, each over a photo of all light. Through the mask the camera sees its blocks as they
-are; of the projector's it sees those that direct light brings back. Where each quad sees which
-place of the pattern follows from each (`pdcd.pictures.found_blocks`). What they differ by is how
-far the mask lies from where it is believed to, whatever is believed of the camera; and what the
-projector's differ from where the camera is believed to look is how far that is off.
+One photo shows blocks on the projector behind an open mask, another the same blocks on the mask in
+front of a lit projector. Each is divided by a photo of all light. The camera sees the mask's blocks
+directly; it sees the projector's blocks by direct light. Each photo gives the place of the pattern
+that each quad sees (`pdcd.pictures.found_blocks`). The difference between the two is how far the
+mask lies from where it is believed to, independently of the camera. The difference between the
+projector's pattern and the camera's map is how far the camera is off.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from pdcd.pictures.raster import HERE, AffineMap, FieldRaster
 from pdcd.runs.record import PanelLook, RunRecord, Six
 
 _LIT = 0.03
-"""Share of the bright quads' light in the photo of all light below which a quad tells nothing."""
+"""Share of the bright quads' light, in the photo of all light, below which a quad is not used."""
 _NOISE_PX = 0.5
-"""Standard deviation of a window's place by which nothing is said of the mask, at least."""
+"""Least standard deviation of a window's place that is taken for noise, not for a bent mask."""
 _IN_PLACE = 4.0
-"""Standard deviations from which a pattern's light comes from a place."""
+"""Standard deviations from which a pattern counts as present at a place."""
 _LEAST_IN_PLACE = 0.01
-"""Share of all light that is enough of it."""
+"""Least contrast of the pattern there, as a share of all light."""
 _AWAY = 8.0
-"""Blocks between two places from which patterns have nothing in common, large blocks included."""
+"""Distance, in blocks, from which a pattern is uncorrelated with itself, large blocks included."""
 _POINTS = 9
 """Places along either axis of the field at which the panels are compared."""
 
@@ -58,7 +58,7 @@ def find_panel_places(
     size_px: tuple[int, int],
     known_blur_px: float = 0.0,
 ) -> PanelLook:
-    """Where the panels lie by these photos.
+    """Locates the panels in these photos.
 
     camera, panels : maps of quads, and of the pixels of projector and mask, as they are believed.
     size_px : (width, height) of the field in projector pixels. known_blur_px : of light on its way
@@ -92,7 +92,7 @@ def find_panel_places(
     places = _places(size_px)
     variance = of_mask.variance(*through, mask.map, mask.map.inverse()(places))
     variance += finder.variance(*seen, projector.map, projector.map.inverse()(places))
-    # Of a window that is the error of all of them together, and that of fewer blocks.
+    # The error of a window's place: that of all together, scaled up as it has fewer blocks.
     of_window = variance[len(places) // 2] * max(1.0, blocks.rows * blocks.cols / WINDOW_BLOCKS**2)
     noise = max(_NOISE_PX**2, float(of_window))
     contrast = projector.contrast[one] / np.maximum(mask.contrast[other], 1e-3)
@@ -120,9 +120,9 @@ def _is_of_the_scene(
     mask: FoundPattern,
     block_px: float,
 ) -> bool:
-    """Whether the projector's pattern is found mirrored, turned or blocks away, and yet some of its
-    light comes from where the mask's is: a mirror in the scene makes such light, a panel does not.
-    """
+    """Whether the projector's pattern was found mirrored, turned or blocks away, while some of its
+    light comes from where the mask's is. Then a mirror in the scene shows it; a misplaced panel
+    would leave no light there."""
     between = projector.map.after(mask.map.inverse()).linear
     apart = projector.map(mask.centres) - mask.map(mask.centres)
     turned_over = between[0, 0] <= 0.0 or between[1, 1] <= 0.0
@@ -139,18 +139,18 @@ def quad_px(camera: Map, size_px: tuple[int, int]) -> float:
 
 
 def mean_cell_px(record: RunRecord) -> float:
-    """Side of a cell of codes in projector pixels, of one that is not square the mean."""
+    """Side of a cell of codes in projector pixels; the mean side where it is not square."""
     width, height = record.projector.field_size_px
     return float(np.sqrt(width * height / (record.grid[0] * record.grid[1])))
 
 
 @dataclass(frozen=True)
 class Misplacement:
-    """How a picture lies against where it is believed to, in words' terms.
+    """How a picture lies compared with where it is believed to lie.
 
     flip : "none", "horizontal", "vertical" or "both", which is half a turn. turn_deg : clockwise.
-    offset_px : of the field's middle (right, down). median_px, most_px : length of the way over
-    half of the field, and over 95 % of it.
+    offset_px : of the field's middle (right, down). median_px, most_px : displacement that half of
+    the field does not exceed, and that 95 % of it do not exceed.
     """
 
     flip: str
@@ -164,7 +164,7 @@ class Misplacement:
 def measure_misplacement(
     six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (0.0, 0.0)
 ) -> Misplacement:
-    """How a picture lies by its affine map; `known_shift_px` of its shift is no news."""
+    """Describes how a picture lies, from its affine map; `known_shift_px` is subtracted."""
     map_ = make_affine_map(six)
     off = field_shifts_px(six, size_px, known_px)
     lengths = np.hypot(off[:, 0], off[:, 1])
@@ -194,7 +194,7 @@ def field_shifts_px(
 
 
 def compute_shifts_px(six: Six, places: Floats, known_px: tuple[float, float]) -> Floats:
-    """The same of places (..., 2)."""
+    """The same at places (..., 2)."""
     flat = places.reshape(-1, 2)
     return np.asarray(make_affine_map(six)(flat) - flat - known_px).reshape(places.shape)
 
@@ -213,7 +213,7 @@ def known_shift_px(mask: PanelConfig) -> tuple[float, float]:
 
 
 def make_affine_map(six: Six) -> AffineMap:
-    """The map that six numbers stand for."""
+    """The affine map with these six numbers."""
     table = np.array(six, dtype=np.float64).reshape(2, 3)
     return AffineMap(table[:, :2], table[:, 2])
 
@@ -225,8 +225,8 @@ def _six(map_: AffineMap) -> Six:
 
 
 def _fitted(base: Floats, places: Floats) -> tuple[Floats, float]:
-    """An affine map (3, 2) by least squares, without those that lie far off; and the standard
-    deviation that is left."""
+    """An affine map (3, 2) by least squares, without outliers, and the standard deviation of the
+    residuals."""
     kept = np.ones(len(base), np.bool_)
     for _ in range(5):
         fit = np.linalg.lstsq(base[kept], places[kept], rcond=None)[0]

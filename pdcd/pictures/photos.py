@@ -1,7 +1,7 @@
-"""The photos of a recipe, scaled and corrected: one way for runs as they are and as foreseen.
+"""The photos of a recipe, scaled and corrected: the same for runs and for forecasts.
 
-What codes get wrong is worked out on cells and brought to the quads of the photo: of the paths that
-a pilot found, and of smooth light.
+What codes get wrong of the paths that a pilot found, and of smooth light, is computed on cells and
+expanded to the quads of the photo.
 """
 
 from __future__ import annotations
@@ -31,11 +31,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SmoothModel:
-    """What the parts of a photo tell of its smooth light: the light of cells, (N, C), without the
-    paths that are known, and the shares of each kind, (P,)
-    (`pdcd.pictures.smooth.estimate_smooth_shares`).
+    """Estimate of a photo's smooth light from its parts: the light of cells without known paths,
+    (N, C), and the shares of each kind, (P,) (`pdcd.pictures.smooth.estimate_smooth_shares`).
 
-    Parts are corrected by the light of all of them, as their own errs by much more.
+    Each part is corrected by the light of all of them, as its own is much less certain.
     """
 
     light: Floats
@@ -66,14 +65,14 @@ def make_corrected_photos(
     normalise : as of `pdcd.pictures.weights.weigh_cells`.
     learned : paths that a pilot found, whose error in photos is known.
     smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`), and photos
-        of far light. What is missing of a cell is shared out among its quads as they have light.
+        of far light. A cell's missing light is shared out among its quads in proportion to light.
     alive : called now and then, and may raise to end the work.
-    told : by the parts of photos, by their names (`fit_smooth_models`); others tell by themselves,
-        where any quad sees them.
-    borders : what a photo of the light along borders of cells tells, if there is one.
-    room : (N, C), what gets through an open mask before a black projector in a second, where a dark
-        photo tells it and nothing else takes it off.
-    whites : photos of all light that this made of the very same shots before.
+    told : models estimated from the parts of photos, by name (`fit_smooth_models`). A photo without
+        one is corrected by its own light, where any quad sees its cells.
+    borders : what a photo of the light along borders of cells shows, if there is one.
+    room : (N, C), what gets through an open mask in front of a black projector in a second, where a
+        dark photo shows it and nothing else removes it.
+    whites : photos of all light that this function made of the very same shots before.
     """
     weights = {photo.name: weigh_cells(photo, shots, normalise) for photo in recipe.photos}
     missing = {
@@ -93,7 +92,7 @@ def make_corrected_photos(
         after = add_missing_light(before, light, more, cells, weighed.realised.fine)
         photos[photo.name] = after
         if "direct" in photos and not photo.beyond:
-            # Of a pair: its codes err by as much the other way.
+            # The other photo of the pair gets the opposite error from its codes.
             direct = photos["direct"]
             image = direct.image - (after.image - before.image)
             photos["direct"] = Picture(image, direct.sigma)
@@ -111,12 +110,12 @@ def fit_smooth_models(
     alive: Callable[[], None] = lambda: None,
     room: Floats | None = None,
 ) -> Mapping[str, SmoothModel]:
-    """What the parts of photos tell of the smooth light that `make_corrected_photos` corrects them
-    for.
+    """Estimates from the parts of photos the smooth light that `make_corrected_photos` corrects
+    them for.
 
-    Arguments as there; nothing is told of photos that are not split, nor by fewer parts than
-    measure the error bars. Means of cells do (`pdcd.pictures.to_cells.average_shots`). seen : cells
-    (N,) that any quad of the camera sees, None for all.
+    Arguments as there. Photos that are not split get no model, nor do any if there are fewer parts
+    than error bars need. Shots may be means over cells (`pdcd.pictures.to_cells.average_shots`).
+    seen : cells (N,) that any quad of the camera sees, None for all.
     """
     numbers = list_parts(recipe)
     if len(numbers) < FEWEST_PARTS:
@@ -144,14 +143,14 @@ def fit_smooth_models(
 
 
 def _holds_smooth_light(photo: RecipePhoto) -> bool:
-    """Whether a photo is of indirect light, or of far light, by codes."""
+    """Whether a photo is of far light, or a coded photo of indirect light."""
     return bool(photo.beyond) or (photo.name == "coded" and photo.wanted.uniform == (0.0, 1.0))
 
 
 def _missing(
     recipe: Recipe, weights: Mapping[str, CellWeights], learned: PilotFindings | None
 ) -> dict[str, Floats]:
-    """What cells get wrong of the paths that a pilot found, (N, C) a photo."""
+    """Corrections of cells for the paths that a pilot found, (N, C) for each photo."""
     return {
         photo.name: compute_path_corrections(
             learned, weights[photo.name].realised, weights[photo.name].cells_s, photo.wanted
@@ -162,15 +161,14 @@ def _missing(
 
 
 def _with_unseen(light: Floats, seen: Bools | None) -> Floats:
-    """Light of cells (N, C) in which those that no quad sees are as bright as the others, for want
-    of anything better."""
+    """Light of cells (N, C) in which cells that no quad sees have the mean light of the others."""
     if seen is not None:
         light[~seen] = light[seen].mean(axis=0) if seen.any() else 0.0
     return light
 
 
 def _without_paths(light: Floats, photo: RecipePhoto, learned: PilotFindings | None) -> Floats:
-    """Light of cells (N, C) without that of the paths that are known."""
+    """Light of cells (N, C) without that of known paths."""
     if learned is None or not photo.paths:
         return light
     return light - compute_path_light(learned, photo.wanted)
@@ -185,7 +183,7 @@ def _missing_smooth(
     told: SmoothModel | None,
     alive: Callable[[], None],
 ) -> Floats:
-    """What is missing of the light of cells, (N, C), for their smooth light."""
+    """What to add to the light of cells, (N, C), for their smooth light."""
     photo, realised = weights.photo, weights.realised
     rest, shares = _without_paths(light, photo, learned), None
     if told is not None:
@@ -204,7 +202,7 @@ def _told_of(
     seen: Bools | None,
     alive: Callable[[], None],
 ) -> SmoothModel | None:
-    """What the parts of a photo tell of its smooth light; None of a dark one.
+    """Estimate of a photo's smooth light from its parts; None for a dark photo.
 
     weights, light : of the photo and of each of its parts, in that order; (N, C) each.
     """

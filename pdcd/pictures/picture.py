@@ -16,8 +16,8 @@ from pdcd.sensor.bands import fill_in_bands
 Errors = NDArray[np.floating]
 """Error bars: float64, or float32 where a frame is large."""
 _Kind = Literal["measured", "sensor", "whole"]
-"""How the error by codes is known: by the spread of parts; not at all, so that sigma is without it;
-or there is none, as of a white photo."""
+"""How the error by codes is known: "measured" by the spread of parts; not at all, so that sigma is
+the "sensor"'s; or there is none, as in a white photo, so that sigma is the "whole" error."""
 
 ErrorCause = Literal["codes", "maps", "timing", "stops"]
 """Where a part of the code error comes from: codes; where panels and camera lie; when panels
@@ -28,12 +28,12 @@ _F = TypeVar("_F", np.float64, np.floating)
 
 @dataclass(frozen=True)
 class Picture:
-    """`image` (h, w, C) float64 and `sigma`, its error bar, in scene units; C is 3, or 1 of a
+    """`image` (h, w, C) float64 and `sigma`, its error bar, in scene units; C is 3, or 1 for a
     camera without colours.
 
-    Of quads, or of cells: then it is (rows, cols, C). Sigma is inf where nothing is known: where a
-    quad is saturated, blind or not wholly in the field, or too little of a cell is seen. Outside
-    the field the image is 0.
+    A picture is of quads, or of cells: then it is (rows, cols, C). Sigma is inf where nothing is
+    known: where a quad is saturated, blind or not wholly in the field, or too little of a cell is
+    seen. Outside the field the image is 0.
     """
 
     image: Floats
@@ -46,8 +46,8 @@ class PictureWithErrors(Picture):
     where the frame is large, float32.
 
     `kind` is how `code` was found. `of_cells` is the code error of means over cells,
-    (rows, cols, C), where more is known of it than that of their quads. `causes` are mean squares
-    of `code` by where it comes from, whose sum is that of all; empty before that was worked out.
+    (rows, cols, C), where it is known better than from their quads. `causes` are the mean squares
+    of `code` by cause, whose sum is that of all; empty before they were worked out.
     """
 
     sensor: Errors
@@ -65,15 +65,14 @@ def with_error_bars(picture: Picture, code: Errors, kind: _Kind) -> PictureWithE
 
 
 def add_code_error(picture: PictureWithErrors, error: Errors) -> PictureWithErrors:
-    """A picture with one more error (h, w, C) in its code error, for whoever knows of one; what it
-    knows of means over cells is left out."""
+    """A picture with one more error (h, w, C) in its code error. Its `of_cells` is dropped."""
     code = np.hypot(picture.code, error).astype(picture.code.dtype)
     return with_error_bars(Picture(picture.image, picture.sensor), code, picture.kind)
 
 
 def _together(sensor: Errors, code: Errors) -> Errors:
-    """Root of the sum of squares. Of float32 by itself: the library's function takes ten times as
-    long."""
+    """Root of the sum of squares. Written out for float32, where the library's function takes ten
+    times as long."""
     if sensor.dtype != np.float32:
         return np.asarray(np.hypot(sensor, code))
 
@@ -132,9 +131,9 @@ def _image_of(rule: Rule, photos: Mapping[str, Picture]) -> Floats:
 def _sigma_of_extremes(
     rule: Extremes, photos: Mapping[str, Picture], sigmas: Mapping[str, Errors]
 ) -> Errors:
-    """Sigma is that of the two photos chosen, to first order: it does not know that noise itself
-    picks the extremes, which makes their difference too large by about two sigma where all photos
-    are alike. Where any photo is saturated nothing is known of the extremes."""
+    """Sigma is that of the two photos chosen, to first order. It ignores that noise itself picks
+    the extremes, which makes their difference too large by about two sigma where all photos are
+    alike. Where any photo is saturated nothing is known of the extremes."""
     first = photos[rule.photos[0]].image
     largest, smallest = np.array(first), np.array(first)
     of_largest, of_smallest = (np.array(sigmas[rule.photos[0]]) for _ in range(2))

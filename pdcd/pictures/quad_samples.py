@@ -1,6 +1,6 @@
-"""Some of the quads of each cell, by which what single quads err by is told.
+"""Some of the quads of each cell, from which the errors of single quads are estimated.
 
-All would do, and take many times as long.
+All quads would do, and take many times as long.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from pdcd.pictures.to_cells import SMEARED, find_inner_quads
 from pdcd.sensor.cells import CellMap
 
 _UNMIXED = 3
-"""Quads so far apart see nothing of each other by a blur that nobody may have said."""
+"""Distance, in quads, at which quads share no light even by a blur that nobody declared."""
 SAMPLED = 4
-"""Quads along a side of what sees a cell alone that tell what single quads err by."""
+"""Quads that are sampled along a side of the part of a cell that is seen alone."""
 _APART = 3.5
 """Standard deviations of a blur from which two quads have hardly any light in common: 5 %."""
 
@@ -30,9 +30,9 @@ _APART = 3.5
 class QuadSample:
     """Some quads of each cell that see nothing else.
 
-    rows, columns : of the frame, of which the quads `picked` (R, C) count. cell : (Q,), which one
-    each of these sees. pairs : (2, M), numbers of those that lie beside each other in a cell, so
-    far apart that no blur mixes them. grid : (rows, cols) of cells.
+    rows, columns : of the frame, of which the quads `picked` (R, C) count. cell : (Q,), the cell
+    that each of these sees. pairs : (2, M), numbers of two in the same cell, far enough apart that
+    no blur mixes them. grid : (rows, cols) of cells.
     """
 
     rows: slice
@@ -43,11 +43,11 @@ class QuadSample:
     grid: tuple[int, int]
 
     def share_told(self) -> float:
-        """Share of the cells of which two quads or more were picked."""
+        """Share of the cells in which two quads or more were picked."""
         return float(np.mean(np.bincount(self.cell, minlength=self.grid[0] * self.grid[1]) > 1))
 
     def take(self, read: Callable[[slice], NDArray[np.floating]]) -> Floats:
-        """What can be read of some rows of a frame, of these quads, (Q, C)."""
+        """Values of these quads, (Q, C); `read` gives those of some rows of a frame."""
         values = read(self.rows)
         row, column = self._places
         flat = values.reshape(-1, values.shape[2])
@@ -82,8 +82,8 @@ def sample_quads(
 ) -> QuadSample:
     """Some quads of each cell that no shot saturates, for
     `pdcd.pictures.sigma.estimate_quad_shares` and, well `within` cells that are fine enough, for
-    `pdcd.pictures.beside.estimate_quad_paths`. along : how many of those along a side of what sees
-    a cell alone."""
+    `pdcd.pictures.beside.estimate_quad_paths`. along : how many, along a side of the part of a cell
+    that is seen alone."""
     side = cells.quad_cells**-0.5 if cells.quad_cells else 1.0
     step = max(1, int((side - 2.0 * SMEARED * cells.blur_quads) / along))
     apart = max(int(np.clip(side / 4.0, 1.0, _UNMIXED)), int(np.ceil(_APART * cells.blur_quads)))

@@ -1,6 +1,6 @@
-"""Where photos of blocks are looked at: points on the field, and affine maps of such points.
+"""The points of the field at which photos of blocks are analysed, and affine maps of such points.
 
-A raster has whole steps of projector pixels and reaches a little beyond the field, for a camera may
+A raster has whole steps of projector pixels. It reaches a little beyond the field, as a camera may
 look beside where it is believed to. `pdcd.pictures.found_blocks` looks for patterns on it.
 """
 
@@ -39,7 +39,7 @@ class AffineMap:
         return AffineMap(np.asarray(back, np.float64), np.asarray(-back @ self.shift, np.float64))
 
     def after(self, first: AffineMap) -> AffineMap:
-        """This one of what `first` makes of a point."""
+        """The composition: this map applied to what `first` makes of a point."""
         return AffineMap(self.linear @ first.linear, self.linear @ first.shift + self.shift)
 
 
@@ -94,8 +94,8 @@ class FieldRaster:
 
 
 class Flattener:
-    """Takes the level off pictures on a raster: light that is spread, and shade. known : where they
-    tell anything. sigma : in points, standard deviation of the mean that is the level."""
+    """Subtracts the level from pictures on a raster: spread light, and shade. known : where they
+    are known. sigma : in points, standard deviation of the local mean that is the level."""
 
     def __init__(self, known: Bools, sigma: float) -> None:
         self.known, self._sigma = known, sigma

@@ -1,4 +1,4 @@
-"""What the panels did in one shot, by its frame log: its probing matrix."""
+"""What the panels did in one shot, from its frame log: its probing matrix."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _Alive = Callable[[], None]
 
 
 _LATE_ROWS = (0.5, 1.5, 2.5)
-"""Rows of a programme by which a mask is tried to be late or early: guards take the first ones."""
+"""Rows of a programme by which the mask is assumed late or early: guards absorb the first ones."""
 _CROSSED = 1e-3
-"""Share of the time of an open mask from which codes meet others."""
+"""Light through own cells, over the time of an open mask, from which codes count as meeting."""
 
 
 def compute_shot_matrix(
@@ -67,7 +67,7 @@ def compute_shot_matrix(
 def _find_crossed(
     realise: Callable[[float], Factors], row_s: float, as_believed: Factors
 ) -> Floats:
-    """One side of `RealisedMatrix.crossed`: of the least lateness at which codes meet others."""
+    """One side of `RealisedMatrix.crossed`: at the least lateness at which codes meet others."""
     more = np.zeros(as_believed.coaxial.shape)
     for rows in _LATE_ROWS:
         more = realise(rows * row_s).coaxial - as_believed.coaxial

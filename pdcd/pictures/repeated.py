@@ -1,8 +1,8 @@
-"""Probing matrices of exposures in which panels did what they did before, to the nanosecond.
+"""Probing matrices of exposures in which panels did the same as before, to the nanosecond.
 
-Panels with a clock of their own, as DMDs have, repeat a table of times exactly. Where they switch
-at once, are black for the rest, and the shutter is open all the while, it does not matter when in
-an exposure they began: the matrix is that of the exposure before.
+Panels with a clock of their own, as DMDs have, repeat a table of times exactly. If they switch at
+once and are black otherwise, and the shutter is open all the while, it does not matter when in an
+exposure they began: the matrix is that of the exposure before.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ class RepeatedMatrices:
         self._known: dict[str, _Shown] = {}
 
     def find(self, shot: ShotRecord, frames: Frames, log: FrameLog) -> RealisedMatrix | None:
-        """The matrix of this shot, where panels repeat themselves; None where it is to be worked
-        out."""
+        """The matrix of this shot, where panels repeat themselves; None where it has to be
+        computed."""
         known = self._known.get(shot.name)
         if known is None or not self._holds_all(shot, log):
             return None
@@ -67,12 +67,12 @@ class RepeatedMatrices:
         return known.matrix
 
     def keep(self, shot: ShotRecord, frames: Frames, log: FrameLog, matrix: RealisedMatrix) -> None:
-        """Keep what was worked out of a shot."""
+        """Keep the matrix that was computed for a shot."""
         if self._holds_all(shot, log):
             self._known[shot.name] = _Shown(frames, log, matrix)
 
     def _holds_all(self, shot: ShotRecord, log: FrameLog) -> bool:
-        """Whether nothing that the panels showed is cut by the shutter, or divided by a level."""
+        """Whether the shutter cut nothing that the panels showed, and no level divides the shot."""
         if not self._at_once or shot.level != 1.0 or not len(log):
             return False
         first_ns = min(log.primal_ns[0], log.dual_ns[0]) + min(0.0, *self._skews_ns)

@@ -1,8 +1,8 @@
-"""Pictures of a stream: photo after photo of the parts of one set, the newest counting.
+"""Pictures of a stream: the parts of one set are photographed over and over, the newest count.
 
-A picture is what the newest parts make of what is in front of the camera, decoded as any run of
-these parts alone would be. How far its codes are off, the parts of the set tell: each is kept as
-the few values that say so, and only the newest is worked out anew.
+A picture is what the newest parts make of the scene in front of the camera, decoded as a run of
+these parts alone would be. The spread of the parts of the set shows the error of the codes. Each
+part is kept as the few values needed for that, and only the newest is worked out anew.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ from pdcd.runs.record import ShotRecord
 from pdcd.watch import Watch
 
 _QUADS_EVERY = 16
-"""Pictures after which it is told anew what codes get wrong of quads beside their cell: it is much
-work, and alike in all parts."""
+"""Pictures after which the error of single quads by codes is estimated again: it is much work, and
+alike in all parts."""
 _QUADS_ALONG = 2
-"""Of these quads, along a side of a cell or half of one: of a capture more are asked, but a stream
-must not halt for it."""
+"""Quads that are sampled for that along a side of a cell or half of one: fewer than in a capture,
+as a stream must not halt for it."""
 
 
 class RollingPictures:
     """Makes pictures of the parts that were photographed last.
 
-    The darkroom has a first set of all shots, of which none counts as a part of the stream.
-    over : how many of the newest parts make a picture.
+    The darkroom starts with one complete set of shots, none of which counts as a part of the
+    stream. over : how many of the newest parts make a picture.
     """
 
     def __init__(self, darkroom: Darkroom, over: int, watch: Watch) -> None:
@@ -65,14 +65,14 @@ class RollingPictures:
         self._learned = darkroom.learned(watch) if paths else None
         self._parted = choose_part_cells(darkroom.cells)
         self._whites: dict[str, tuple[list[ExposedShot], Picture]] = {}
-        """Photos of all light, by what they were made of: they are taken once in a set."""
+        """Photos of all light, with the shots they were made of: a set has each once."""
         self._newest: list[int] = []
         self._told: dict[int, Floats] = {}
-        """The picture of each part on cells, as parts differ by it."""
+        """The picture of each part on cells, for comparing parts."""
         self._of_quads: dict[str, Floats] = {}
-        """What quads err by beside their cell (`estimate_photo_quad_shares`), as told last."""
+        """Errors of single quads (`estimate_photo_quad_shares`), as estimated last."""
         self._due = 0
-        """Pictures until that is told anew."""
+        """Pictures until that is estimated again."""
         self._lost: Bools | None = None
         self._picked: QuadSample | None = None
 
@@ -86,7 +86,7 @@ class RollingPictures:
         self._darkroom.renew(shot, frames, log)
 
     def picture(self, part: int, alive: Callable[[], None]) -> PictureWithErrors:
-        """The answer by the newest parts, of which `part` was photographed just now. Raises
+        """The answer from the newest parts, of which `part` was photographed just now. Raises
         DecodeError."""
         self._newest = [*(one for one in self._newest if one != part), part]
         chosen = self._newest[-self._over :]
@@ -104,12 +104,12 @@ class RollingPictures:
         return self._with_bars(chosen, alone, shots, alive)
 
     def find_full_quads(self) -> Bools | None:
-        """Quads that the newest shots of the answer have saturated by light, (h, w); None for
-        none."""
+        """Quads that light has saturated in the newest shots of the answer, (h, w); None where
+        there are none."""
         return self._darkroom.find_full_quads(self._recipe)
 
     def _shots(self) -> dict[str, ExposedShot]:
-        """The newest of each."""
+        """The newest of each shot."""
         names = [shot.name for shot in self._recipe.shots if shot.name not in self._kept]
         return {**self._kept, **{name: self._darkroom.renewed(name) for name in names}}
 
@@ -144,8 +144,8 @@ class RollingPictures:
         shots: Mapping[str, ExposedShot],
         alive: Callable[[], None],
     ) -> PictureWithErrors:
-        """The picture of the parts that were chosen, the newest of which make the photos `alone`,
-        with what all known parts tell of its error, where these are enough."""
+        """The picture of the `chosen` parts, the newest of which make the photos `alone`. Its error
+        comes from all known parts, where there are enough of them."""
         darkroom, name = self._darkroom, self._recipe.answer_name
         recipe, cells = select_parts(self._recipe, chosen), darkroom.cells
         scaled = alone if len(chosen) == 1 else self._photos(chosen, shots, alive)
@@ -181,7 +181,7 @@ class RollingPictures:
         }
 
     def _pick(self, shots: Mapping[str, ExposedShot]) -> None:
-        """Pick other quads than before where others are saturated."""
+        """Pick other quads than before where other quads are saturated."""
         used = [shots[name] for photo in self._recipe.photos for _, name in photo.shots]
         lost = np.logical_or.reduce([one.saturated for one in used])
         if self._lost is None or (lost != self._lost).any():
@@ -190,8 +190,8 @@ class RollingPictures:
 
 
 def keep_answer(recipe: Recipe) -> Recipe:
-    """The recipe of the answer alone, with the photos that it needs: a white one tells how much
-    direct light got into one of indirect light."""
+    """The recipe of the answer alone, with the photos that it needs. A photo of indirect light also
+    needs a white one, which shows how much direct light got into it."""
     rule = recipe.answer
     names = set(list_rule_photos(rule))
     photos = {photo.name: photo for photo in recipe.photos}

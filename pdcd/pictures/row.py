@@ -26,7 +26,7 @@ from pdcd.words import NormaliseName
 _WIDTH_PX = 960
 """Least width of a picture of a row."""
 _BETWEEN = (29, 95, 168)
-"""Colour of what parts wanted and realised."""
+"""Colour of the strip between wanted and realised."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +34,8 @@ class MatrixRow:
     """Weight of the paths from every projector cell to one camera cell.
 
     wanted, realised : (rows, cols) float64
-        The realised weights are divided by what the picture was divided by, so that both compare.
-        At the cell itself stands what direct light sees.
+        The realised weights are divided by what the picture was divided by, so that both can be
+        compared. The entry of the cell itself is the weight of direct light.
     """
 
     photo: str
@@ -79,7 +79,7 @@ def read_matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = Non
     ----------
     folder : a run folder.
     cell : row and column of the camera cell.
-    photo : which photo; None takes the one that the answer rests on.
+    photo : which photo; None takes the main one of the recipe.
 
     Raises
     ------

@@ -1,12 +1,12 @@
-"""How far the codes of a picture may be off, as its parts show; and by light from right beside each
-cell, which all parts get wrong alike.
+"""The error of a picture by its codes, from the spread of its parts; and by light from right beside
+each cell, which all parts get wrong alike.
 
-What parts show is told of cells, and of single quads beside: where each of these gets its light by
-ways of its own, as in rough stone, they err by more than the mean of their cell does.
+The spread of parts is measured on cells, and on single quads besides: where quads get light by
+paths of their own, as in rough stone, their error is larger than that of their cell's mean.
 
 The code error depends on the light transport of the scene, which nobody knows. Where a photo was
 taken in parts with codes of their own, their spread shows it. Where it was not, nothing does: one
-photo cannot tell the light of a mirror from that of a wall, and sigma is without it.
+photo cannot separate the light of a mirror from that of a wall, and sigma is without it.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ _CONFIDENCE = 0.95
 _NEIGHBOURS_PX = 3
 """Side of the square of pixels whose spreads are pooled."""
 _LEAST = 0.1
-"""Least square of a pixel's error over that of its neighbourhood. More covers more of what parts
-get wrong alike, and widens the error bars of pixels that do not err."""
+"""Least square of a pixel's error over that of its neighbourhood. A larger one covers more of what
+parts get wrong alike, and widens the error bars of pixels that are right."""
 _DARK = 1e-3
 """Mean square of the light, over that of all cells, below which a cell is dark."""
 _ROUNDED = 1e-6
-"""Share of the mean below which a sum over cells is rounding."""
+"""Share of the mean below which a sum over cells is rounding error."""
 _MOST_TOLD = 0.5
-"""Share of half cells with two quads or more from which these tell what single quads err by."""
+"""Share of half cells with two quads or more from which errors of quads are estimated on halves."""
 _LEAST_BESIDE = 0.15
-"""Weight that is off, in paths of one cell, below which it is the chance of codes: a photo of whole
-cells has none but that."""
+"""Wrong weight, in paths of one cell, below which it is the chance of codes: photos of whole cells
+have nothing else."""
 
 
 def measure_error_bars(
@@ -50,17 +50,17 @@ def measure_error_bars(
 ) -> PictureWithErrors:
     """A picture with the code error that the spread of its parts, (h, w, C) each, shows.
 
-    over : how many of them it is the mean of, where these are not all: one of a set whose others
-    tell what it errs by.
+    over : how many of the parts the picture is the mean of, if not of all. In a set the other parts
+    help to estimate its error.
 
     The mean of B independent parts has 1/B of their variance. B is small, so that the variance of
-    one pixel is itself uncertain; `_moderated` steadies it by its neighbours. What is left of the
-    uncertainty widens sigma by a factor of Student's t, so that 1.96 sigma cover 95 %. What the
-    sensor's noise explains of the spread is not counted twice.
+    one pixel is itself uncertain; `_moderated` steadies it by its neighbours. The remaining
+    uncertainty widens sigma by a factor of Student's t, so that 1.96 sigma cover 95 %. The part of
+    the spread that the sensor's noise explains is not counted twice.
 
     Parts may also agree by chance: where all of them count a single path equally often, or never,
-    it is wrong in all and none differs. So a pixel amid errors above the average has no less than
-    the share `_LEAST` of their mean square.
+    it is wrong in all and none differs. So a pixel amid errors above the average has at least the
+    share `_LEAST` of their mean square.
 
     A pixel saturated in any part keeps its infinite sigma.
     """
@@ -80,7 +80,7 @@ def measure_error_bars(
 
 
 def _strong_around(square: Floats) -> Floats:
-    """Mean of squares (h, w) over each neighbourhood where it is above that of all; else 0."""
+    """Mean of squares (h, w) over each neighbourhood where it exceeds the overall mean; else 0."""
     around: Floats = scipy.ndimage.uniform_filter(square, _NEIGHBOURS_PX, mode="nearest")
     return np.where(around > square.mean(), around, 0.0)
 
@@ -88,7 +88,7 @@ def _strong_around(square: Floats) -> Floats:
 def _expected(variance: Floats, noise: Floats, image: Floats) -> Floats:
     """Variances (h, w) as they would be if code error were everywhere the same share of the light.
 
-    Only their proportions matter: edges of the scene then do not look like chance. All > 0.
+    Only their proportions matter: they keep edges of the scene from looking like chance. All > 0.
     """
     square = image**2
     total = float(square.sum())
@@ -139,10 +139,10 @@ def estimate_photo_quad_errors(
     photos: Mapping[str, Picture],
     cells: CellMap,
 ) -> dict[str, Floats]:
-    """What the codes of all photos that have any get wrong of single quads beside their cell, or
-    half of one where parts are told of halves (`estimate_quad_shares`), by name.
+    """Errors of single quads by codes, relative to the mean of their cell, or of half a cell where
+    parts are of halves (`estimate_quad_shares`); of all photos with codes, by name.
 
-    photos : scaled ones. Nothing is told where each cell has a quad of its own.
+    photos : scaled ones. The result is empty where each cell has a quad of its own.
     """
     parted, count = choose_part_cells(cells), len(list_parts(recipe))
     used = [shots[name] for name in {name for photo in recipe.photos for _, name in photo.shots}]
@@ -158,7 +158,7 @@ def estimate_photo_quad_errors(
 def estimate_photo_quad_shares(
     recipe: Recipe, shots: Mapping[str, ExposedShot], picked: QuadSample
 ) -> dict[str, Floats]:
-    """The same of one part, as squares over those of its light (`estimate_quad_shares`)."""
+    """The same for one part, as squares over those of its light (`estimate_quad_shares`)."""
     found: dict[str, Floats] = {}
     numbers = list_parts(recipe)
     for photo in recipe.photos:
@@ -177,8 +177,8 @@ def estimate_photo_quad_shares(
 def sample_part_quads(
     used: Sequence[ExposedShot], cells: CellMap, along: int = SAMPLED
 ) -> QuadSample | None:
-    """The quads by which `estimate_photo_quad_errors` goes; None where each cell has one. along :
-    of `pdcd.pictures.quad_samples.sample_quads`."""
+    """The quads that `estimate_photo_quad_errors` uses; None where each cell has one. along : of
+    `pdcd.pictures.quad_samples.sample_quads`."""
     parted = choose_part_cells(cells)
     picked = sample_quads(used, parted, along=along)
     if parted is not cells and picked.share_told() < _MOST_TOLD:  # blur mixes halves everywhere
@@ -187,12 +187,12 @@ def sample_part_quads(
 
 
 def to_quad_errors(share: Floats, images: Floats) -> Floats:
-    """What single quads err by codes beside the mean of their cell, (rows, cols, C), without the
-    sensor's noise.
+    """Errors of single quads by codes, relative to the mean of their cell, (rows, cols, C), without
+    the sensor's noise.
 
-    share : what the squares of their errors are over the light's (`estimate_quad_shares`), over the
-    number of parts that the photo is of. images : (rows, cols, C), the photo on the cells of these
-    or halves, in the unit of the answer.
+    share : squares of their errors over those of the light (`estimate_quad_shares`), divided by the
+    number of parts of the photo. images : (rows, cols, C), the photo on these cells or on halves,
+    in the unit of the answer.
     """
     pieces = images.shape[0] // share.shape[0]
     share = share.repeat(pieces, 0).repeat(pieces, 1)
@@ -202,11 +202,12 @@ def to_quad_errors(share: Floats, images: Floats) -> Floats:
 def estimate_quad_shares(
     light: Sequence[Floats], noise: Sequence[Floats], picked: QuadSample
 ) -> Floats:
-    """Square of what single quads of one part err by codes beside their cell, over that of its
-    light, (rows, cols, C), by how they differ from it in the parts of a photo.
+    """Square of the error of single quads of one part by codes, relative to the mean of their cell,
+    over the square of its light, (rows, cols, C). It is estimated from how quads deviate from that
+    mean in the parts of a photo.
 
-    light, noise : of each part at the picked quads, (Q, C), and its variance, in any unit. Where no
-    quad was picked it errs as elsewhere.
+    light, noise : of each part at the picked quads, (Q, C), and its variance, in any unit. Cells
+    where no quad was picked get the overall value.
     """
     count, mean = len(light), np.mean(light, axis=0)
     number = np.maximum(picked.sums(np.ones((picked.cell.size, 1))), 1.0)
@@ -218,9 +219,9 @@ def estimate_quad_shares(
         like = np.divide(picked.sums(part) / number, level, out=np.ones_like(level), where=lit)
         like = like[picked.cell]
         square += (part - mean * like) ** 2 / (count - 1.0)
-    spare = np.maximum(number - 1.0, 0.0) / number  # of each cell's mean it knows nothing
+    spare = np.maximum(number - 1.0, 0.0) / number  # the mean of a cell uses one degree of freedom
     square -= spare[picked.cell] * np.mean(noise, axis=0)
-    # In proportion to light; what is dark beside the others errs as little.
+    # In proportion to light; cells that are dark compared with the others have as small an error.
     all_light = picked.sums(spare[picked.cell] * (level**2 + floor)[picked.cell], _NEIGHBOURS_PX)
     # Means over squares leave rounding where no quad was picked.
     told = all_light > _ROUNDED * all_light.mean(axis=0)
@@ -231,15 +232,15 @@ def estimate_quad_shares(
 
 
 def compute_neighbour_weight(weights: CellWeights, grid: tuple[int, int]) -> float:
-    """How much light from one of the cells around is worth in the error of a photo that cannot tell
-    it from direct light: what is lacking of all eight, and what is there of the cell's own, whose
-    size nobody knows. 0 where that is the chance of codes, and of photos that do not want all other
-    cells alike.
+    """Weight with which light from one of the cells around enters the error of a photo that cannot
+    separate it from direct light. It combines what is lacking of all eight and what is there of the
+    cell's own light, whose amount is unknown. 0 where only the chance of codes is left, and for
+    photos that do not want all other cells alike.
 
     Under quarter windows the projector's code cell reaches a quarter of a cell beyond the window
-    that it belongs to. So a photo of indirect light lacks some of what comes from the cells around,
-    and has some of what wandered within its own. All parts of a photo do so alike: their spread
-    does not show it (`pdcd.pictures.beside`).
+    that it belongs to. So a photo of indirect light lacks some of the light from the cells around,
+    and has some of the light that wandered within its own. All parts of a photo do so alike, so
+    that their spread does not show it (`pdcd.pictures.beside`).
     """
     uniform = weights.photo.wanted.uniform
     if uniform is None or uniform[0] == uniform[1]:

@@ -1,15 +1,15 @@
-"""What an indirect image itself tells of its error: light that spreads smoothly.
+"""What an indirect image itself shows of its error: light that spreads smoothly.
 
-The image says how much indirect light each cell n gets, S_n. Where light spreads diffusely its
-paths are much as ``x_n k(d) x_m``: two cells exchange light by what each of them exchanges with
-all others and by their distance d. The realised probing matrix is known, hence also what it gets
-wrong of such paths. This is taken off again: a control variate that costs no photo.
+The image shows how much indirect light each cell n gets, S_n. Where light spreads diffusely its
+paths are nearly ``x_n k(d) x_m``: how much two cells exchange depends on how much each exchanges
+with all others, and on their distance d. The realised probing matrix is known, hence also what it
+gets wrong of such paths. This is subtracted: a control variate that costs no photo.
 
-How light falls off with distance, the image tells too. What the codes get wrong of light that is
+The image also shows how light falls off with distance. What the codes get wrong of light that is
 spread evenly over the scene is a known pattern, and so is what they get wrong of light that stays
 near; both change from cell to cell like noise. As much of each as is found in the fine detail of
 the image, weighed against the chance that it is texture, is removed (`pdcd.pictures.shares`). Where
-a photo was taken in parts, what these differ by tells more.
+a photo was taken in parts, their differences are a better measure.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ _Spread = Callable[[Floats], Floats]
 HALF_LIGHT_CELLS = 2.0
 """Cells over which near light falls to one half; far off it falls with the square."""
 _USUAL = np.array([0.0, 0.1])
-"""Shares of far and of near light that are removed where the image tells nothing. Larger ones gain
-more on some scenes; but where light stays near and codes are nearly exact, they do harm."""
+"""Shares of far and of near light that are removed where the image shows nothing. Larger ones gain
+more on some scenes, but do harm where light stays near and codes are nearly exact."""
 _SURE = np.array([0.25, 0.2])
-"""Standard deviations of these: how much the image must tell to be believed."""
+"""Prior standard deviations of these shares: how strong the evidence of the image must be."""
 _ROUNDS = 8
-"""Steps of the scaling that makes the model's row sums the image; each leaves half the error."""
+"""Iterations that scale the model until its row sums are the image; each halves the error."""
 _CHUNK = 2**17
 """Numbers transformed at once: what stays in the cache takes a quarter of the time."""
 _FAR_SPREADS = ((np.inf, 1.0), (5.0, 1.0), (2.0, 2.0))
-"""Of photos of far light: cells over which light falls, and the power of what falls with the
-square. Their codes are random and few, so that all of light's ways count."""
+"""For photos of far light: reach in cells, and power, of light ``(1 + (d / reach)^2)^-power`` at d.
+Their codes are random and few, so that any spread of light matters."""
 _FAR_USUAL, _FAR_SURE = np.array([0.4, 0.3, 0.1]), np.array([0.3, 0.2, 0.15])
 """As `_USUAL` and `_SURE`."""
 
@@ -68,8 +68,8 @@ def compute_colour_correction(
 ) -> Floats:
     """The same as `compute_smooth_correction` for an image in colour: (N, C) float64.
 
-    What is missing of its grey is shared out among the channels as each cell has them: smooth light
-    takes on the colour of where it arrives.
+    The grey light that is missing is shared out among the channels in proportion to each cell's
+    light: smooth light takes on the colour of where it arrives.
     """
     light = np.maximum(image, 0.0)
     grey: Floats = light.mean(axis=1)
@@ -108,10 +108,10 @@ def compute_smooth_correction(
     grid : (rows, cols)
         Cells of the scene, N in all.
     alive : called now and then, and may raise to end the work.
-    beyond : the radius of an image of far light, which the model then has none of from nearer; 0
-        for indirect light.
-    shares : of each kind of light to remove (`_spreads`), where parts told them
-        (`estimate_smooth_shares`); else the image tells.
+    beyond : the radius of an image of far light, within which the model then has no light; 0 for
+        indirect light.
+    shares : of each kind of light to remove (`_spreads`), where they were estimated from parts
+        (`estimate_smooth_shares`); else they are estimated from the image.
     seen : (N,) bool, cells whose light is known; None for all.
     """
     light = np.maximum(image, 0.0)
@@ -121,7 +121,7 @@ def compute_smooth_correction(
     missing = _patterns(codes, light, _spreads(codes, grid, beyond), alive)
     if shares is None:
         shares = fit_shares_to_detail(light, missing, grid, *_before(beyond), seen)
-        if beyond:  # The patterns are much alike: together they are no more than all of it.
+        if beyond:  # The patterns are much alike, so that their sum is limited to all of the light.
             shares = shares / max(1.0, float(shares.sum()))
     return np.asarray(shares @ missing)
 
@@ -134,12 +134,12 @@ def estimate_smooth_shares(
     alive: Callable[[], None] = lambda: None,
     seen: Bools | None = None,
 ) -> Floats | None:
-    """How much of each pattern to remove, (P,), by what the parts of a photo differ by; None of a
+    """How much of each pattern to remove, (P,), from the differences of a photo's parts; None for a
     dark one.
 
     Each part has codes of its own and gets other amounts wrong of smooth light. All photograph the
-    same, so texture drops out of their differences, and what is left tells far more than the detail
-    of the image, which counts too. `beyond` and `seen` as of `compute_smooth_correction`.
+    same scene, so texture drops out of their differences. What is left says far more than the
+    detail of the image, which counts too. `beyond` and `seen` as of `compute_smooth_correction`.
     """
     light = np.maximum(whole.image, 0.0)
     if light.size < 2 or not light.any():
@@ -155,15 +155,15 @@ def estimate_smooth_shares(
 
 
 def _before(beyond: int) -> tuple[Floats, Floats]:
-    """Shares before anything is told, and their standard deviations."""
+    """Prior means of shares, and their standard deviations."""
     return (_FAR_USUAL, _FAR_SURE) if beyond else (_USUAL, _SURE)
 
 
 def _spreads(
     codes: CodedImage, grid: tuple[int, int], beyond: int
 ) -> list[tuple[_Spread, _Spread]]:
-    """Kinds of smooth light, each with what of it is to be counted: far and near light, or, beyond
-    a radius, each way in which it may fall off."""
+    """Kinds of smooth light, each as its spread and the part of this that is wanted: far and near
+    light, or, beyond a radius, each way in which light may fall off."""
     if beyond:
         ways = [_spread(_far_kernel(grid, *way, beyond), grid) for way in _FAR_SPREADS]
         return [(way, way) for way in ways]
@@ -196,9 +196,9 @@ def _missing(
     counted: _Spread,
     alive: Callable[[], None],
 ) -> Floats:
-    """What the codes miss of light that is all spread like that: (N,).
+    """What the codes miss of light that has this spread: (N,).
 
-    `counted` is the same spread with what of it is to be counted.
+    `counted` is the part of the spread that is to be counted.
     """
     part = np.sqrt(light / spread(np.ones_like(light)).max())
     for _ in range(_ROUNDS):
@@ -216,7 +216,7 @@ def _missing(
 
 
 def _evenly(light: Floats) -> Floats:
-    """Spread images (..., N) over all cells alike, none to itself."""
+    """Spread images (..., N) evenly over all cells but each value's own."""
     spread: Floats = light.sum(axis=-1, keepdims=True) - light
     return spread
 
@@ -224,10 +224,10 @@ def _evenly(light: Floats) -> Floats:
 def average_neighbour_weights(
     left: Floats, right: Floats, weight: float | Floats, grid: tuple[int, int]
 ) -> dict[tuple[int, int], float]:
-    """Weight with which cells on average see those beside them, (rows, columns) off.
+    """Average weight with which cells see the cells beside them, by offset (rows, columns).
 
-    Quarter windows see light from beside a cell as if from the cell itself, and miss it. Of that
-    the detail of an image tells nothing, as all cells miss alike; it is not corrected.
+    Quarter windows take light from beside a cell for light of the cell itself, and miss it. The
+    detail of an image does not show this, as all cells miss alike; it is not corrected.
     """
     rows, cols = grid
     # With a dark row and column behind each image those beside a cell lie a fixed step off.
@@ -248,7 +248,7 @@ def average_neighbour_weights(
 
 
 def _kernel(grid: tuple[int, int]) -> Floats:
-    """1 / (1 + (d / REACH)^2) of all offsets, those below 0 counted from the end."""
+    """``1 / (1 + (d / HALF_LIGHT_CELLS)^2)`` of all offsets, those below 0 counted from the end."""
     row, col = (
         np.minimum(np.arange(size), size - np.arange(size)).astype(np.float64)
         for size in _padded(grid)
@@ -270,7 +270,7 @@ def _far_kernel(grid: tuple[int, int], reach: float, power: float, radius: int) 
 
 
 def _padded(grid: tuple[int, int]) -> tuple[int, ...]:
-    """Sizes at which images do not reach around their edges, and that transform fast."""
+    """Sizes at which images do not wrap around their edges, and whose transforms are fast."""
     return tuple(scipy.fft.next_fast_len(2 * size - 1, real=True) for size in grid)
 
 

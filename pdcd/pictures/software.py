@@ -21,7 +21,7 @@ def sum_stack_matrices(
     recipe: Recipe, shots: Mapping[str, RealisedShot], bits: Bools
 ) -> dict[str, RealisedMatrix]:
     """Realised probing matrix of every weighted sum of a recipe over its stack: the sum of the
-    photos' own, each of its rows under the weight of the cell.
+    photos' own matrices, each row multiplied by the weight of its cell.
 
     Parameters
     ----------
@@ -54,8 +54,8 @@ def sum_stack_shots(
 def _weights(recipe: Recipe, taken: Sequence[RealisedShot], bits: Bools) -> dict[str, Floats]:
     """Weight of each cell of each photo, (K, N), by the name of the sum.
 
-    Each photo is first scaled from its own time to the mean time of all: with the time of one
-    refresh each, they differ by a few per cent where projector and mask drift against each other.
+    Each photo is first scaled from its own time to the mean time of all. If each lasts one refresh,
+    the times differ by a few per cent where projector and mask drift against each other.
     """
     equal = _equal(taken, bits)
     return {name: weigh(bits) * equal[:, None] for name, weigh in recipe.sums.items()}

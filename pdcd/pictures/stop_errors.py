@@ -1,4 +1,4 @@
-"""What pictures err because stops of the lens were compared on the scene only so well."""
+"""Errors of pictures because the comparison of lens stops on the scene has limited precision."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def with_stop_errors(
     record: RunRecord,
     cells: CellMap,
 ) -> dict[str, PictureWithErrors]:
-    """Pictures whose code error knows how far stops may be off that were compared on the scene: all
-    photos of one stop are too bright, or too dark, alike. photos : scaled ones.
+    """Adds to the code error the uncertainty of stops that were compared on the scene: all photos
+    taken at one stop are too bright, or too dark, alike. photos : scaled ones.
     """
     stops = _stop_sigmas(record, recipe)
     found = dict(pictures)
@@ -53,8 +53,8 @@ def _more_error(picture: PictureWithErrors, error: Floats, cells: CellMap) -> Pi
 
 
 def _stop_sigmas(record: RunRecord, recipe: Recipe) -> dict[str, tuple[float, float]]:
-    """By photo, the stop it was taken at and how sure its light is beside that of the run's own
-    stop; of those alone that were taken at another one."""
+    """By photo, its stop and the standard deviation of that stop's light relative to the run's own
+    stop; only photos that were taken at another stop."""
     taken = {shot.name: stop_of(shot.f_number, record.stops) for shot in record.shots}
     of_sums = [taken[name] for name in recipe.stack if name in taken]
     found = {}

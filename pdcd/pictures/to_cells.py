@@ -1,11 +1,11 @@
 """From the quads of a camera down to cells: means over each cell, and which cells are known.
 
-This is the one way down, as `pdcd.pictures.to_quads` is the one way up. What is told of cells by
-these means is worked out without the map of the camera.
+This is the one way down, as `pdcd.pictures.to_quads` is the one way up. What is computed from these
+means needs no map of the camera.
 
 A mean over a cell's area holds light of its neighbours wherever quads lie across its borders: a
 part that is small where a cell has many quads, and a third where it has three a side. Where that
-matters the light of cells is told apart (`_Apart`).
+matters the light of cells is separated (`_Apart`).
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from pdcd.pictures.picture import Picture, PictureWithErrors
 from pdcd.sensor.cells import CellMap
 
 _LEAST_PURE = 0.05
-"""Share of a cell's area that quads must see which see nothing else, for these alone to tell of it:
-where all quads do, texture at the edges of cells looks like light from next to them."""
+"""Share of a cell's area that must be covered by quads that see nothing else, for these alone to be
+used: if all quads are used, texture at the edges of cells looks like light from next to them."""
 _LEAST_WHOLE = 0.2
-"""The same for a mean that stands for the whole cell, or half of one."""
+"""The same where the mean is to stand for the whole cell, or half of one."""
 _AMID_QUADS = 2.5
-"""Quads from the edges of a cell from which on those tell of it alone whose cells are fine enough:
-how much a lens blurs nobody may have said, and direct light of the next cell looks like indirect
-light from there."""
+"""Distance from the edges of a cell, in quads, from which quads see that cell alone where cells are
+fine enough: the blur of a lens may not have been declared, and direct light of the next cell looks
+like indirect light from there."""
 _STEPS = 12
-"""After so many, a mixture of half a cell with its neighbours is parted to a thousandth."""
+"""Iterations: they separate half a cell from its neighbours to a thousandth."""
 _FINE = 1.6
 """Quads along a side of half a cell, beyond what a blur smears, from which parts are averaged over
 halves: of fewer, too few see one half alone."""
 _COARSE = 1.45
-"""The same where each half is seen by some that see nothing else, as upright ones of three a cell
-do."""
+"""The same where each half is seen by some quads that see nothing else, as with upright quads,
+three a cell."""
 _MANY = 400
-"""Quads in a cell, or in half of one, from which those that see another as well do not count: they
-lessen the error of the codes by 1 % or less."""
+"""Quads in a cell, or in half of one, from which those across a border do not matter: they lessen
+the error by codes by 1 % or less."""
 SMEARED = 3.0
 """Standard deviations of a blur that count as smeared."""
 
@@ -65,22 +65,22 @@ def find_seen_cells(cells: CellMap) -> Bools | None:
 def average_image(
     image: NDArray[np.floating], cells: CellMap, known: Bools | None = None
 ) -> Floats:
-    """Means of an image (h, w, C) over cells, (N, C), of `known` quads (h, w), None for all; 0 of
-    cells that are seen by none."""
+    """Means of an image (h, w, C) over cells, (N, C). Only `known` quads (h, w) count, None for
+    all; cells that none of them sees are 0."""
     return cells.mean(image, known)
 
 
 def average_shot(shot: FrameLight, cells: CellMap) -> CellLight:
-    """Means of a shot over cells, of quads that see their neighbours, too."""
+    """Means of a shot over cells, from all quads, also those that see neighbours."""
     return CellLight(cells.mean(shot.light), cells.error_of_mean(shot.variance))
 
 
 def average_picture(picture: Picture, cells: CellMap) -> Picture:
-    """Means of a picture over cells, (rows, cols, C) float64, and the error of these means by the
-    errors of single quads; infinite where too little of a cell is known.
+    """Means of a picture over cells, (rows, cols, C) float64, and the error of these means from
+    that of single quads; infinite where too little of a cell is known.
 
-    Quads that are not known do not count, but where a cell is unknown it has the mean of all that
-    see it, as they were measured. Cells that no quad sees are 0.
+    Unknown quads do not count. An unknown cell has the mean of all quads that see it, as they were
+    measured. Cells that no quad sees are 0.
     """
     known = _known(picture, cells)
     image, sure = _means(picture.image, known, cells)
@@ -91,7 +91,7 @@ def average_picture(picture: Picture, cells: CellMap) -> Picture:
 
 
 def average_light(picture: Picture, cells: CellMap) -> Floats:
-    """The image of that alone, in half the time."""
+    """The image of `average_picture` alone, in half the time."""
     image, _ = _means(picture.image, _known(picture, cells), cells)
     return image.reshape(*cells.grid, -1)
 
@@ -101,11 +101,11 @@ def average_with_errors(
 ) -> PictureWithErrors:
     """The same of a picture with its whole error: (rows, cols, C) float64 each.
 
-    The sensor's part gets less by averaging. The error of the codes does not: quads of a cell share
-    it, but for what `Barred.of_cells` knows.
+    Averaging lessens the sensor's part of the error. It does not lessen the error of the codes,
+    which the quads of a cell share, except as `PictureWithErrors.of_cells` says.
 
-    full : (h, w), quads that are full of light (`pdcd.pictures.full`), None for none. Of a cell
-    with one nothing is known: the others' mean is too dark by what that one has beyond its end.
+    full : (h, w), quads that light has saturated (`pdcd.pictures.full`), None for none. A cell with
+    one is unknown: the mean of the others is too dark by the light beyond saturation.
     """
     coarse = average_picture(Picture(picture.image, picture.sensor), cells)
     if full is not None:
@@ -122,8 +122,8 @@ def average_with_errors(
 
 
 def average_unmixed(picture: Picture, cells: CellMap) -> Picture:
-    """Means of a picture over cells as of `average_picture`, with the error that sensor noise
-    leaves in them where cells are told apart as in the parts of the picture (`average_shots`)."""
+    """Means of a picture over cells as of `average_picture`. The error is the sensor noise that is
+    left in them where cells are separated as in the parts of the picture (`average_shots`)."""
     coarse = average_picture(picture, cells)
     known: Bools = np.asarray(np.isfinite(picture.sigma).all(axis=-1))
     parting = _part_neighbours(cells, None if known.all() else known)
@@ -135,8 +135,8 @@ def average_unmixed(picture: Picture, cells: CellMap) -> Picture:
 
 
 def average_part(picture: Picture, cells: CellMap) -> Floats:
-    """Means of a picture over cells told apart as `average_shots` does, (rows, cols, C); 0 where
-    no quad sees one."""
+    """Means of a picture over cells, separated as in `average_shots`, (rows, cols, C); 0 for cells
+    that no quad sees."""
     known = _known(picture, cells)
     image, sure = _means(picture.image, known, cells)
     parting = _part_neighbours(cells, known)
@@ -151,7 +151,8 @@ def _means(
 ) -> tuple[Floats, Bools]:
     """Means of an image (h, w, C) over cells, (N, C), and which cells are known (N,).
 
-    known : (h, w), quads that count where enough of a cell is left; None for all of the field.
+    known : (h, w), quads that count, unless too little of a cell is left; None for all of the
+    field.
     """
     sure = cells.seen(known)
     mean = cells.mean(image, known)
@@ -170,7 +171,7 @@ def _known(picture: Picture, cells: CellMap) -> Bools | None:
 
 @dataclass(frozen=True, eq=False)
 class _Apart:
-    """How cells are told apart: which quads count (h, w), and whether what they mix is parted."""
+    """How cells are separated: which quads count (h, w), and whether their mixtures are solved."""
 
     cells: CellMap
     known: Bools
@@ -183,8 +184,8 @@ class _Apart:
         return mean if self.pure else _part(mean, self.cells, self.known)
 
     def error(self, variance: NDArray[np.floating], middle: int) -> Floats:
-        """Variances of quads (h, w, C) -> standard deviation of `mean`, (N, C). Where cells are
-        parted noise grows as much everywhere as at the cell `middle`."""
+        """Variances of quads (h, w, C) -> standard deviation of `mean`, (N, C). Where mixtures are
+        solved, noise is taken to grow everywhere as much as at the cell `middle`."""
         error = self.cells.error_of_mean(variance, self.used)
         if self.pure:
             return error
@@ -197,11 +198,10 @@ class _Apart:
 def _tell_apart(
     known: Bools, cells: CellMap, wanted: Indices, least: float = _LEAST_PURE
 ) -> _Apart:
-    """How the light of some cells is told from that of their neighbours.
+    """How to separate the light of some cells from that of their neighbours.
 
     By quads amid a cell, or at least by those that see one alone, where each cell has enough of
-    them. Else all quads count, and what they mix is parted again, as if cells were of one value
-    each.
+    them. Else all quads count, and their mixtures are solved as if each cell had one value.
 
     known : (h, w), quads that count. wanted : (C,), numbers of the cells. least : share of a cell
     that is enough.
@@ -215,7 +215,7 @@ def _tell_apart(
 
 
 def find_inner_quads(cells: CellMap) -> Bools:
-    """(h, w), quads that tell of a cell alone whatever a lens blurs; none where cells have few."""
+    """(h, w), quads that see one cell alone even by an unknown blur; none where cells have few."""
     if _AMID_QUADS * cells.quad_cells**0.5 >= 0.5 or not cells.quad_cells:
         return np.zeros(cells.frame, np.bool_)
     return cells.amid(_AMID_QUADS)
@@ -228,7 +228,7 @@ def unmix_some_cells(
     wanted: Indices,
     least: float = _LEAST_WHOLE,
 ) -> CellLight:
-    """Light of some cells in K photos, (K, M, C), told from that of their neighbours.
+    """Light of some cells in K photos, (K, M, C), separated from that of their neighbours.
 
     known : (h, w), quads that count. wanted : (M,), numbers of the cells.
     """
@@ -240,8 +240,8 @@ def unmix_some_cells(
 
 
 def unmix_cells(taken: Sequence[FrameLight], cells: CellMap) -> CellLight:
-    """Light of all cells in K photos, (K, N, C), told from that of their neighbours where quads see
-    both: else direct light of a neighbour looks like a sharp path from there."""
+    """Light of all cells in K photos, (K, N, C), separated from that of their neighbours where
+    quads see both: else direct light of a neighbour looks like a sharp path from there."""
     if cells.blocks is not None:  # then no quad sees two
         light = np.array([cells.mean(shot.light) for shot in taken])
         return CellLight(light, np.array([cells.error_of_mean(shot.variance) for shot in taken]))
@@ -254,8 +254,8 @@ def unmix_cells(taken: Sequence[FrameLight], cells: CellMap) -> CellLight:
 
 
 def _part(means: Floats, cells: CellMap, known: Bools) -> Floats:
-    """Means over cells (N, C) of quads that mix cells -> values of cells, by Van Cittert's steps:
-    what cells of these values would look like is subtracted from what was seen."""
+    """Means over cells (N, C) of quads that mix cells -> values of cells, by Van Cittert's method:
+    what cells of these values would look like is compared with what was seen, again and again."""
     values = means.copy()
     for _ in range(_STEPS):
         values += means - cells.mean(cells.spread(values), known)
@@ -281,14 +281,14 @@ def average_shots(
     """Shots as a camera with one quad a cell would have taken them, or one with four where cells
     are halved (`choose_part_cells`).
 
-    Quads that are saturated in any shot do not count, but where too little of a cell is left all
-    of it does. Cells that no quad sees are as bright as the mean of the others. There is no
-    variance: it is not asked for.
+    Quads that are saturated in any shot do not count, unless too little of a cell is left: then all
+    of its quads do. Cells that no quad sees are as bright as the mean of the others. There is no
+    variance, as nobody needs it.
 
-    The light of cells is told from that of their neighbours, where quads see both: the codes err
-    differently in both, and a mean of the two would err less than either.
+    The light of cells is separated from that of their neighbours, where quads see both: their
+    errors by codes differ, and a mean of the two would have less error than either.
 
-    all_quads : cells are whole where halves would be told by few of their quads
+    all_quads : average over whole cells where averages over halves would leave out many quads
     (`are_all_quads_used`).
     """
     grid, cells = (
@@ -321,12 +321,12 @@ def average_shots(
 
 
 def choose_part_cells(cells: CellMap) -> CellMap:
-    """The map of what parts are averaged over: of half cells each way where quads are so fine that
-    many lie in one, and else of cells.
+    """The map of what parts are averaged over: half cells each way where quads are so fine that
+    many lie in one, and else cells.
 
-    Codes are shown through windows of half a cell, and near the edge of a cell a quad sees places
-    that are much like those beyond it, through a mask that is not: a mean over the whole cell would
-    know nothing of either.
+    Codes are shown through windows of half a cell. Near the edge of a cell a quad sees places much
+    like those beyond the edge, but through another part of the mask. A mean over the whole cell
+    would show neither.
     """
     if cells.blocks is not None or _half_side(cells) < _COARSE:
         return cells
@@ -341,8 +341,8 @@ def choose_part_cells(cells: CellMap) -> CellMap:
 
 
 def are_all_quads_used(cells: CellMap) -> bool:
-    """Whether all quads count where parts are told of half cells: of few those in the middle of a
-    cell do not, of three a side five of nine."""
+    """Whether averages over half cells use all quads. With few quads they leave out those in the
+    middle of a cell: five of nine where there are three a side."""
     return cells.blocks is not None or not _COARSE <= _half_side(cells) < _FINE
 
 
@@ -353,8 +353,8 @@ def _half_side(cells: CellMap) -> float:
 
 
 def _part_neighbours(cells: CellMap, known: Bools | None) -> _Apart | None:
-    """How cells are told apart in the parts of a photo, of `known` quads (h, w), None for all; None
-    where no quad sees two cells, or so few do that it makes no odds."""
+    """How to separate cells in the parts of a photo, by `known` quads (h, w), None for all; None
+    where no quad sees two cells, or so few do that it does not matter."""
     if cells.quad_cells * _MANY < 1.0 and cells.quad_cells and not cells.blur_quads:
         return None
     if cells.single[cells.known].all():
@@ -364,7 +364,7 @@ def _part_neighbours(cells: CellMap, known: Bools | None) -> _Apart | None:
 
 
 def _whole(light: Floats, cells: CellMap) -> Floats:
-    """Light of quads that see past the border of the field, as if they did not."""
+    """Light of quads across the border of the field, scaled up as if they lay wholly inside."""
     if cells.inside is None:
         return light
     share = np.where(cells.known & (cells.inside > 0.0), cells.inside, 1.0)

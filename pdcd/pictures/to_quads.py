@@ -1,7 +1,7 @@
 """From cells up to the quads of a camera: what is known of cells, as each quad saw it.
 
-This is the one way up, as `pdcd.pictures.to_cells` is the one way down. Whoever works on what is
-known of cells, as weights, corrections and errors of codes, needs no map of the camera.
+This is the one way up, as `pdcd.pictures.to_cells` is the one way down. Code that works on cells,
+such as weights, corrections and errors of codes, needs no map of the camera.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from pdcd.sensor.bands import OfRows, fill_in_bands, make_planar_image, run_in_b
 from pdcd.sensor.cells import CellMap
 
 _BLIND = 1e-3
-"""Share of the mean light of all windows below which one counts as never open."""
+"""Light of a window, over the mean of all, below which the window counts as never open."""
 _BRIGHTEST = 4.0
-"""Most that a quad is taken to be brighter than its cell, where an error is shared out by light."""
+"""Most that a quad is taken to be brighter than its cell, for errors in proportion to light."""
 LEAST_DIRECT = 1e-4
-"""Share of the direct light below which none is taken out: nobody could see it."""
+"""Share of the direct light below which none is taken out, as it is not visible."""
 _MOST_DIRECT = 0.5
-"""Share from which the photo tells too little of indirect light to be mended so."""
+"""Share from which the photo holds too little indirect light to be corrected in this way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,16 +44,16 @@ class QuadWeights:
 
 
 def find_quads_outside(cells: CellMap) -> Bools | None:
-    """(h, w), quads that lie not wholly within the field; None where all do."""
+    """(h, w), quads that do not lie wholly within the field; None where all do."""
     return None if cells.known.all() else ~cells.known
 
 
 def weigh_quads(weights: CellWeights, cells: CellMap) -> QuadWeights:
     """What to divide the quads of a photo by.
 
-    That of its cell, times the light of the windows that the quad saw over that of its cell. So
-    windows that were open longer than others leave no trace in the picture. Quads at the border of
-    the field, whose blur reaches beyond it, are divided by less.
+    A quad is divided by the weight of its cell, times the light of the windows that the quad saw
+    over that of the cell. So windows that were open longer than others leave no trace in the
+    picture. Quads at the border of the field, whose blur reaches beyond it, are divided by less.
     """
     own, shut = weights.cells_s, weights.shut
     fine = None if cells.map is None else weights.realised.fine
@@ -78,7 +78,7 @@ def weigh_quads(weights: CellWeights, cells: CellMap) -> QuadWeights:
 
 
 def _of_windows(light: Floats, fine: PieceWeights, cells: CellMap) -> tuple[Floats, Bools]:
-    """Light of what each quad saw over that of its cell, (h, w), and where that is none."""
+    """Light of what each quad saw over that of its cell, (h, w), and where there is none."""
     # A camera with one quad a cell: what it sees is the mean over each cell.
     alike = CellMap.block(cells.grid, cells.grid)
     mean = alike.gather(light, fine.cuts)
@@ -99,10 +99,10 @@ def _of_windows(light: Floats, fine: PieceWeights, cells: CellMap) -> tuple[Floa
 def expand_to_quads(
     values: NDArray[Any], cells: CellMap, fine: PieceWeights | None
 ) -> NDArray[Any]:
-    """What is known of cells, (N, ...) -> of quads, (h, w, ...); bool values stay so.
+    """Values of cells, (N, ...) -> of quads, (h, w, ...); bool values stay so.
 
     Where every window has a code of its own (`fine`) nothing changes at the edges of cells, so that
-    what is only known cell by cell is brought over smoothly; else by the shares of cells.
+    values are interpolated smoothly; else they are weighted by the shares of cells in each quad.
     """
     if fine is not None and fine.smooth:
         return cells.smooth(values)
@@ -110,7 +110,7 @@ def expand_to_quads(
 
 
 def _bring_rows(values: Floats, cells: CellMap, fine: PieceWeights | None) -> OfRows:
-    """The same of one value a cell, (N,), some rows of quads at a time."""
+    """The same for one value a cell, (N,), some rows of quads at a time."""
     if fine is not None and fine.smooth:
         return cells.smooth_rows(values)
     whole = cells.spread(values)
@@ -118,8 +118,8 @@ def _bring_rows(values: Floats, cells: CellMap, fine: PieceWeights | None) -> Of
 
 
 def compute_direct_share(realised: Factors, weights: QuadWeights, cells: CellMap) -> Floats | None:
-    """Share of the direct light that a photo of indirect light has, (h, w); None where it is not
-    worth a correction, or beyond one."""
+    """Share of the direct light that a photo of indirect light has, (h, w); None where it is too
+    small to be worth a correction, or too large for one."""
     level = float(np.mean(weights.quads_s))
     largest = float(np.abs(realised.coaxial).max()) / level
     if not LEAST_DIRECT < largest < _MOST_DIRECT:
@@ -136,8 +136,8 @@ def compute_direct_share(realised: Factors, weights: QuadWeights, cells: CellMap
 def add_missing_light(
     picture: Picture, light: Floats, more: Floats, cells: CellMap, fine: PieceWeights | None
 ) -> Picture:
-    """A picture with what is missing of its cells, (N, C), shared out among their quads as these
-    have light. Sigma stays: what is missing is a small part of the picture.
+    """A picture with the light that its cells lack, (N, C), shared out among their quads in
+    proportion to light. Sigma stays, as that light is a small part of the picture.
 
     light : (N, C), that of the picture on cells. fine : as of `expand_to_quads`.
     """
@@ -175,10 +175,10 @@ def spread_errors(error: Errors, picture: Picture, light: Floats, cells: CellMap
 
 
 def _by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> OfRows:
-    """Light of quads (h, w) over that of the cells (N,) around them, from 0 to `_BRIGHTEST`: how an
-    error that is in proportion to light lies on the quads of a cell. 1 where the cells are dark.
+    """Light of quads (h, w) over that of the cells (N,) around them, from 0 to `_BRIGHTEST`: the
+    factor between cells and quads of an error in proportion to light. 1 where the cells are dark.
 
-    It is told for some rows of quads at a time.
+    It is computed for some rows of quads at a time.
     """
     around = cells.smooth_rows(of_cells)
     lit = bool(of_cells.min() > 0.0)
@@ -197,9 +197,9 @@ def _by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> 
 
 @dataclass(frozen=True, eq=False)
 class MixedCodes:
-    """Codes of single photos, as quads that see several cells saw them: their light cannot be
-    parted, so that they do not weigh what their cells weigh on average. `mixture` is None where
-    there are no such quads."""
+    """Codes of single photos as seen by quads that see several cells. The light of these cells
+    cannot be separated, so such a quad has a weight of its own, not the average of its cells'
+    weights. `mixture` is None where there are no such quads."""
 
     cells: CellMap
     bits: Bools
@@ -207,7 +207,7 @@ class MixedCodes:
 
     @classmethod
     def of(cls, bits: Bools, cells: CellMap) -> MixedCodes:
-        """Those of (K, N) lit cells of each photo."""
+        """Made of the lit cells of each photo, (K, N)."""
         if cells.single.all():
             return cls(cells, bits, None)
         codes, squares, dark = (np.zeros(cells.frame) for _ in range(3))
@@ -221,8 +221,8 @@ class MixedCodes:
     def weigh_quads(
         self, of_cells: Floats, photo: int, weigh: FittedWeights | MaskedWeights, equal: Floats
     ) -> Floats:
-        """Weights of quads in a photo, (h, w), from those of cells, (N,), that `weigh` makes of the
-        codes; `equal` are factors of the photos, (K,)."""
+        """Weights of quads in a photo, (h, w), from those of cells, (N,), which `weigh` makes of
+        the codes; `equal` are factors of the photos, (K,)."""
         of_quads = self.cells.spread(of_cells)
         if self.mixture is None:
             return of_quads

@@ -1,12 +1,10 @@
-"""A slice of T out of the photos of its patterns, with the standard deviation of every entry.
+"""A slice of T from the photos of its patterns, with the standard deviation of every entry.
 
 Photo k shows at camera cell n, by its realised probing matrix P_k,
-
     y_kn = sum over j of (P_k)_nj T_nj + o_k c_n
-
-with j the projector cells of the slice, o_k the time for which the mask was open, and c_n all that
-comes meanwhile whatever is shown: ambient light, light of black pixels. The mask does the same in
-every photo, so P_k is what the cell gathers, u_kn, times what the projector showed, v_kj. Then
+with j the projector cells of the slice, o_k the time for which the mask was open, and c_n the light
+that comes meanwhile whatever is shown: ambient light, light of black pixels. The mask does the same
+in every photo, so P_k is what the cell gathers, u_kn, times what the projector showed, v_kj. Then
 ``y / u = [v, o] (T, c)``, one system of equations for all cells.
 """
 
@@ -31,7 +29,7 @@ _LEAST_PX = 640
 """Width of the picture of a slice, at least."""
 _BRIGHT_PERCENT = 99.8
 _LEAST_GREY = 1e-4
-"""Of the brightest entries: what the picture of a slice shows at most."""
+"""Least grey, as a share of the brightest entries, that the picture of a slice can show."""
 _GREYS = (0.0001, 0.001, 0.01, 0.1, 1.0)
 
 
@@ -39,13 +37,14 @@ _GREYS = (0.0001, 0.001, 0.01, 0.1, 1.0)
 class TransportSlice:
     """Entries of T.
 
-    entries, sigma : (M, J, C), light that camera cell n receives of projector cell j at full light,
-        scene units, and its standard deviation by the sensor; infinite where a cell is not known.
+    entries, sigma : (M, J, C), light that camera cell n receives from projector cell j at full
+        light, scene units, and its standard deviation by the sensor; infinite where a cell is not
+        known.
     seen, lit : (M,) and (J,), numbers of the camera and projector cells.
-    photos : of how many.
+    photos : number of photos used.
     uneven : largest difference of P_k from a product of both sides, over its largest entry.
-    common : share of the light of all photos that comes whatever is shown. Entries are without it;
-        the picture of the scene under all patterns is not.
+    common : share of the light of all photos that comes whatever is shown. The entries are without
+        it; the picture of the scene under all patterns is not.
     """
 
     entries: Floats
@@ -76,8 +75,8 @@ def solve_transport_slice(
 ) -> TransportSlice:
     """The slice of a recipe of `pdcd.recipes.transport`, whose shots are all there.
 
-    full : (h, w), quads that are full of light (`pdcd.pictures.full`), None for none: of cells with
-    one nothing is known.
+    full : (h, w), quads that light has saturated (`pdcd.pictures.full`), None for none: cells with
+    one are unknown.
 
     Raises DecodeError where the projector gave a cell no light of its own.
     """
@@ -114,9 +113,9 @@ def _sides(
     taken: list[ExposedShot], part: Slice, lit: list[bool]
 ) -> tuple[Floats, Floats, Floats, float]:
     """Both sides of the realised matrices: what cells gather (K, C), of mean 1 in each photo, what
-    the projector showed (K, J) and for how long the mask was open (K,), both in seconds, and how
-    far the matrices are from products. Patterns of few cells need not be `lit`: a photo of none
-    tells what all have in common."""
+    the projector showed (K, J) and for how long the mask was open (K,), both in seconds; and how
+    far the matrices are from products. Photos that are not `lit` may be dark: a photo of a pattern
+    without cells measures what all have in common."""
     gathered, shown, opened = [], [], []
     off = most = 0.0
     for shot, bright in zip(taken, lit, strict=True):
@@ -143,8 +142,8 @@ def _sides(
 def draw_transport_slice(found: TransportSlice, title: str) -> NDArray[np.uint8]:
     """A slice to look at, (H, W, C) uint8: camera cells down, projector cells to the right.
 
-    Brightness goes by the logarithm, from the noise or `_LEAST_GREY` of the brightest entries on,
-    so that direct light, bands and single paths are all to be seen. What is not known is black.
+    Brightness is logarithmic, from the noise or `_LEAST_GREY` of the brightest entries on, so that
+    direct light, bands and single paths are all visible. What is not known is black.
     """
     known = np.isfinite(found.sigma)
     grey = found.entries[known.all(axis=2)]

@@ -1,4 +1,4 @@
-"""What a picture is in truth, where it was taken of a scene whose transport is known."""
+"""The true picture, where the scene is one whose transport is known."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from pdcd.virtual.optics.needed import choose_optics
 from pdcd.virtual.scene.scene import Scene
 
 TRUTH = "truth.npz"
-"""What the answer is in truth, in the folder of a run of a virtual scene."""
+"""The true answer, in the folder of a run of a virtual scene."""
 TRUTH_BLOCK_ROWS = 256
 """Rows of the wanted matrix taken together; bounds the memory."""
 
 
 @dataclass(frozen=True)
 class KnownAnswer:
-    """The answer in truth, in scene units, and where it can be compared.
+    """The true answer, in scene units, and where it can be compared.
 
     On a bench of cells `image` is (N, C) and `seen` (N,), of cells, to be compared with means over
-    them. On one of pixels they are (h, w, C) and (h, w), of quads: the truth is seen through the
-    same optics, and compared where it lies wholly inside the field.
+    them. On a bench of pixels they are (h, w, C) and (h, w), of quads: the truth is seen through
+    the same optics, and compared where it lies wholly inside the field.
     """
 
     image: NDArray[np.floating]
@@ -46,8 +46,8 @@ class KnownAnswer:
     def rms_errors(
         self, picture: PictureWithErrors, means: PictureWithErrors, cells: CellMap
     ) -> tuple[float | None, float | None]:
-        """RMS error of the answer over the RMS of the truth: of its quads, and of its means over
-        the cells, where they are known. None where the truth is dark, or nothing is known."""
+        """RMS error of the answer over the RMS of the truth, where both are known: of its quads,
+        and of its means over the cells. None where the truth is dark, or nothing is known."""
         truth = self.on_cells(cells)
         by_cells = _rms_error(means, truth, np.asarray(np.isfinite(truth).all(axis=-1)))
         if self.of_cells and cells.frame == cells.grid:
@@ -78,7 +78,7 @@ class KnownAnswer:
 
 
 def _rms_error(found: PictureWithErrors, truth: NDArray[np.floating], seen: Bools) -> float | None:
-    """`truth` as the picture's image, and where it can be compared."""
+    """Compared where `seen`; `truth` has the shape of the picture's image."""
     known = seen & np.isfinite(found.sigma).all(axis=-1)
     image, truth = found.image[known], truth[known]
     scale = float(np.sum(truth**2))
@@ -94,7 +94,7 @@ def write_known_answer(folder: Path, known: KnownAnswer) -> None:
 
 
 def read_known_answer(folder: Path, cells: CellMap) -> KnownAnswer:
-    """What `write_known_answer` kept, of a run with that map of its cells. Raises DecodeError."""
+    """What `write_known_answer` stored, in a run with that map of its cells. Raises DecodeError."""
     kept = read_stored_arrays(folder / TRUTH)
     image, seen, of_cells = (kept.get(name, np.zeros(0)) for name in ("image", "seen", "of_cells"))
     shape = (cells.grid[0] * cells.grid[1],) if of_cells.any() else cells.frame
@@ -114,7 +114,7 @@ def find_known_answer(
     *,
     colours: int = 3,
 ) -> KnownAnswer | None:
-    """The truth of a recipe's answer; None where nobody knows it.
+    """The truth of a recipe's answer; None where it is not known.
 
     windows : of the recipe's shots. cells : the map of the camera's frame. colours : of its sensor
     (`weigh_colours`). `alive` is called now and then, and may raise to end the work.
@@ -126,7 +126,7 @@ def find_known_answer(
         answer = compute_true_answer(scene, recipe, alive, colours=colours)
         return KnownAnswer(answer, cells.seen(), of_cells=True)
     if optics.frame != cells.frame or isinstance(recipe.answer, Extremes):
-        return None  # only what is linear in a scene's effects can be told on a bench of pixels
+        return None  # a bench of pixels can only compute what is linear in a scene's effects
     meant, grid = recipe.wanted if recipe.meant is None else recipe.meant, recipe.target.grid
     if not optics.tells(meant, grid):
         return None
@@ -139,7 +139,7 @@ def find_known_answer(
 def compute_true_answer(
     scene: Scene, recipe: Recipe, alive: Callable[[], None] = lambda: None, *, colours: int = 3
 ) -> NDArray[np.float64]:
-    """What a recipe's answer is in truth, (N, C), in scene units, without ambient light.
+    """A recipe's true answer, (N, C), in scene units, without ambient light.
 
     `alive` is called now and then, and may raise to end the work.
     """
@@ -160,7 +160,7 @@ def apply_probing_matrix(
     """``(Pi o T) 1`` with the wanted matrix itself, (N, 3), in scene units, without ambient light.
 
     Eq. 2 of the paper. Parts that are products cost one pass over the transport, and direct light
-    none. Others are evaluated row by row, in O(N^2): a scene knows no single entries of T.
+    none. Others are evaluated row by row, in O(N^2): a scene does not give single entries of T.
     """
     direct, indirect = scene.split()
     if wanted.uniform is not None:

@@ -1,9 +1,9 @@
 """Pictures as the projector sees the scene: the field, sampled through the map of the camera.
 
 The camera may stand askew, upside down or behind a mirror; its map says where each of its Bayer
-quads lies on the field. Here the field is cut into pixels of its own, and each is looked up in the
-camera's picture: by straight lines between four quads, after the picture was shrunk by area where
-it has more quads than the field gets pixels.
+quads lies on the field. Here the field is cut into pixels of its own, and each is interpolated
+linearly between four quads of the camera's picture. Where that has more quads than the field gets
+pixels, it is shrunk by area first.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from pdcd.sensor.bands import run_in_bands
 from pdcd.sensor.cells import CellMap
 
 _STEP_PX, _LEAST_STEPS = 16, 64
-"""The map is worked out every so many pixels, and at no fewer places; straight lines between them
-are off by less than a hundredth of a quad."""
+"""The map is evaluated every so many pixels, and at no fewer places; linear interpolation between
+them is off by less than a hundredth of a quad."""
 _HALF = 0.5
 """Share of a pixel that must be known for the pixel to be known."""
 
@@ -51,7 +51,7 @@ class FieldView:
         return cls(cells.filled, width / height, record.white_patch)
 
     def size_px(self, least_px: int, most_px: int) -> tuple[int, int]:
-        """(width, height) of a raster of the field about as fine as the camera sees its centre.
+        """(width, height) of a raster of the field, about as fine as the quads at its centre.
 
         least_px, most_px : bounds of the width.
         """
@@ -110,7 +110,7 @@ class FieldSampler:
         return picture, seen
 
     def _weighed(self, known: Bools) -> tuple[Bools, Singles]:
-        """Where a picture on the field is known, and what it is to be multiplied by there."""
+        """Where a picture on the field is known, and the factor to multiply it by there."""
         if self._last is None or not np.array_equal(self._last[0], known):
             share = self._sampled(known.astype(np.float32))
             seen: Bools = self._inside & (share >= _HALF)
@@ -143,7 +143,7 @@ def _nodes(length_px: int) -> NDArray[np.float64]:
 
 
 def _between(nodes: Singles, at: NDArray[np.float64], length_px: int) -> Singles:
-    """Values at nodes along the first axis -> at the centres of all pixels, by straight lines."""
+    """Values at nodes along the first axis -> at the centres of all pixels, linearly."""
     step = (at[-1] - at[0]) / (len(at) - 1) or 1.0
     along = (np.arange(length_px) + 0.5 - at[0]) / step
     first = np.minimum(along.astype(np.int64), len(at) - 2)
@@ -153,8 +153,8 @@ def _between(nodes: Singles, at: NDArray[np.float64], length_px: int) -> Singles
 
 
 def place_quads(record: RunRecord, frame: tuple[int, int]) -> CellMap:
-    """Where the quads of a run's frames of (h, w) lie, as it is configured. The darkroom asks when
-    the first photo has told how large a frame is."""
+    """Where the quads of a run's frames of (h, w) lie, as it is configured. The darkroom calls this
+    when the first photo has shown how large a frame is."""
     map_ = make_placed_map(record.camera_place, frame[::-1], record.projector.size_px, "camera")
     panels = place_panels(record.projector, record.mask)
     return CellMap(

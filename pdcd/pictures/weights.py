@@ -1,4 +1,4 @@
-"""What the panels did to the cells of a photo, and what these are therefore divided by."""
+"""What the panels did to the cells of a photo, and hence what these are divided by."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from pdcd.recipes.recipe import Combination, RecipePhoto
 from pdcd.words import NormaliseName
 
 _LEAST_SHARE = 0.1
-"""Share of the light that a cell is to have of which less is none: what black lets through."""
+"""Share of the light that a cell is to get below which it counts as dark: black lets so much by."""
 _MOST_LOOKED_AT = 2**26
-"""Wanted weights that are summed up over columns."""
+"""Most wanted weights that are summed over columns; of larger matrices some rows are used."""
 
 
 class RealisedShot(Protocol):
-    """What the panels really did in a shot; no light is needed to know it."""
+    """What the panels really did in a shot; no light is needed for it."""
 
     @property
     def realised(self) -> Factors:
-        """The probing matrix that they gave it."""
+        """The probing matrix that the panels gave it."""
         ...
 
     @property
@@ -39,11 +39,11 @@ class RealisedShot(Protocol):
 
 @dataclass(frozen=True)
 class RealisedMatrix:
-    """What the panels did in a shot whose light nobody asked for.
+    """What the panels did in a shot, without its light.
 
-    crossed : for how many seconds more than believed light would go through its own cell (N,), if
-    the mask were so late, and if it were so early, that its codes met others of the projector's;
-    None where nobody asked, or where none can meet.
+    crossed : the additional time in seconds, (N,), for which light would go through its own cell if
+    the mask were late, and if it were early, by enough for codes to meet others of the projector's;
+    None where this was not asked for, or where none can meet.
     """
 
     realised: Factors
@@ -69,13 +69,13 @@ class CellWeights:
 
     def window_light(self) -> tuple[Floats | None, bool]:
         """Light of the photo that each piece of the cells let through, up to a factor, and whether
-        light is wanted everywhere, so that a piece without any is blind."""
+        a piece without any is blind, as light is wanted everywhere."""
         uniform = self.photo.wanted.uniform
         if uniform is not None and self.realised.fine is not None:
             light = self.realised.fine.kept(*uniform)
             if (light >= 0.0).all() and light.any():
                 return light, True
-        # What is wanted differs from path to path, or has signs: all light speaks for it.
+        # The wanted weights differ from path to path, or have signs: all light is used instead.
         whole = sum_piece_weights((1.0, fine) for fine in self.shown)
         if whole is None or not whole.light.any():
             return None, False
@@ -87,9 +87,9 @@ def weigh_cells(
 ) -> CellWeights:
     """What the cells of a photo are divided by.
 
-    With `normalise` "row" each cell is divided by its own weight, with "scalar" none is; "auto"
-    does so for photos whose codes ask for it and for those that missed refreshes: lost codes leave
-    cells open unequally often, as the paper's random codes do.
+    With `normalise` "row" each cell is divided by its own weight, with "scalar" all by the same.
+    "auto" is "row" for photos whose codes ask for it and for those that missed refreshes: lost
+    codes leave cells open unequally often, as the paper's random codes do.
 
     Raises DecodeError for a photo that has no light on the paths it is to keep.
     """
@@ -116,11 +116,11 @@ def sum_realised_matrices(terms: Combination, shots: Mapping[str, RealisedShot])
 def find_shut_cells(realised: Factors, wanted: WantedMatrix) -> Bools | None:
     """Cells that the mask never opened for what they are to keep, (N,); None where there are none.
 
-    Black that leaks opens nothing: less than `_LEAST_SHARE` of the light that others get is none.
+    Black that leaks does not count: less than `_LEAST_SHARE` of the light of others is none.
     """
     through = np.abs(realised.right).sum(axis=1) @ np.abs(realised.left)
     shut: Bools = through < _LEAST_SHARE * through.mean()
-    if not shut.any():  # as it is of codes of a family
+    if not shut.any():  # as with the codes of a family
         return None
     inner, norm = row_weights_s(realised, wanted)
     common = weight_s(realised, wanted)
@@ -129,8 +129,8 @@ def find_shut_cells(realised: Factors, wanted: WantedMatrix) -> Bools | None:
 
 
 def find_unlit_cells(realised: Factors, wanted: WantedMatrix) -> tuple[Bools, float]:
-    """Cells that the projector never lit although their light is wanted, (N,), and the share of
-    the wanted weights, without their signs, that is theirs."""
+    """Cells that the projector never lit although their light is wanted, (N,), and their share of
+    the absolute wanted weights."""
     lit = np.abs(realised.left).sum(axis=1) @ np.abs(realised.right)
     unlit: Bools = lit < _LEAST_SHARE * lit.mean()
     if not unlit.any():
@@ -144,8 +144,8 @@ def find_unlit_cells(realised: Factors, wanted: WantedMatrix) -> tuple[Bools, fl
 
 
 def _sum_columns(wanted: WantedMatrix) -> Floats:
-    """Sums of the wanted weights, without their signs, over columns, (N,), up to a factor; of many
-    cells by some rows, evenly spread."""
+    """Sums of the absolute wanted weights over columns, (N,), up to a factor; with many cells, from
+    some rows, evenly spread."""
     step = -(-(wanted.cells**2) // _MOST_LOOKED_AT)
     block = WANTED_BLOCK if step == 1 else 1
     total = np.zeros(wanted.cells)
@@ -158,9 +158,9 @@ def _sum_columns(wanted: WantedMatrix) -> Floats:
 def _row_weights(
     photo: RecipePhoto, realised: Factors, by_row: bool
 ) -> tuple[Floats, Bools | None]:
-    """Weights of cells, () or (N,), and which cells were never open for what they are to keep: of
-    these the common weight has a share, so that each cell is divided by its own where there are
-    any."""
+    """Weights of cells, () or (N,), and which cells were never open for what they are to keep. The
+    common weight includes a share of these, so where there are any each cell is divided by its own.
+    """
     common = weight_s(realised, photo.wanted)
     if not common > 0.0:
         raise DecodeError(
