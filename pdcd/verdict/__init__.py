@@ -1,3 +1,3 @@
-"""What a photo is worth: figures of its pictures held against limits, and the sentences that say
-so.
+"""Whether a photo can be used: figures of its pictures are compared with limits, and sentences say
+what was found.
 """

@@ -1,5 +1,5 @@
-"""What the verdict says of the answer as a whole: its noise, its error bars, light below zero, and
-light in it that belongs elsewhere.
+"""The verdict on the answer as a whole: its noise, its error bars, light below zero, and light in
+it that belongs elsewhere.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ _LIGHT = (
     "indirect", "direct", "fraction", "diagonal", "off-diagonal", "warped", "long-range",
     "short-range", "keyed", "epipolar", "stereo",
 )  # fmt: skip
-"""Goals whose answer is light that paths bring, and so never below zero."""
+"""Goals whose answer is the light of paths, and so never below zero."""
 _UPPER = 1.645
-"""Standard deviations below which a normal number lies in 19 of 20 cases."""
+"""Standard deviations above the mean below which a normal variable lies in 19 of 20 cases."""
 _FEWEST_CODES = 80
-"""Codes of which a pilot and four parts can be made (`pdcd.planning.defaults`)."""
+"""Least number of codes for a pilot and four parts (`pdcd.planning.defaults`)."""
 _FREEDOM = 3.0
-"""Degrees of freedom of a sigma that the fewest parts have measured."""
+"""Degrees of freedom of a sigma that was measured by the fewest parts."""
 _MOST_ERROR: Mapping[ErrorCause, str] = {
     "codes": "codes have large errors on sharp light, such as that of mirrors; take more codes",
     "maps": "light goes through the mask's wrong cells; run pdcd calibrate registration",
     "timing": "direct light gets through as the panels switch; take full guards",
     "stops": "it is not known well what two stops let through; take all photos at one stop",
 }
-"""What to say of error bars that come mostly from this."""
+"""What to say where error bars come mostly from this cause."""
 
 
 def judge_answer(seen: Evidence) -> Iterator[VerdictFinding]:
-    """All that is said of the answer."""
+    """All findings on the answer."""
     made, record, transport = seen.decoded.answer, seen.record, seen.decoded.transport
     recipe = seen.decoded.recipe
     if recipe.asked:
@@ -70,7 +70,7 @@ def judge_answer(seen: Evidence) -> Iterator[VerdictFinding]:
 def judge_noise(image: Floats, sigma: Floats, sensor: Floats) -> Iterator[VerdictFinding]:
     """Whether the answer stands above its noise; (n, C) each, of pixels in the field.
 
-    The sensor's noise decides, and sigma only where most of the picture drowns in it.
+    The sensor's noise decides; sigma decides only where it exceeds most of the picture.
     """
     known = np.isfinite(sigma) & np.isfinite(image)
     if not known.any():
@@ -84,20 +84,20 @@ def judge_noise(image: Floats, sigma: Floats, sensor: Floats) -> Iterator[Verdic
 def judge_error_bars(
     image: Floats, sigma: Floats, sensor: Floats, cells: int, most: ErrorCause = "codes"
 ) -> Iterator[VerdictFinding]:
-    """What a measured sigma says of the whole answer; (n, C) each, of pixels in the field of
-    `cells` cells. most : what most of it comes from.
+    """Findings from a measured sigma of the whole answer; (n, C) each, of pixels in the field of
+    `cells` cells. most : the cause that most of it comes from.
 
-    The realised square error of few strong pixels scatters about what sigma leads one to expect,
-    and sigma itself about its own mean. So the figure is one that is kept in 19 of 20 photos; a
-    photo is bad only where sigma as it stands says so. Where the sensor's noise is enough to find
-    fault with, `judge_noise` has done so.
+    The actual square error of few strong pixels scatters about the one expected from sigma, and
+    sigma itself about its own mean. So the figure is a bound that holds in 19 of 20 photos; a photo
+    is bad only where sigma itself exceeds the limit. Where the sensor's noise alone is as bad,
+    `judge_noise` has said so.
     """
     known = np.isfinite(sigma) & np.isfinite(image)
     squares = sigma[known] ** 2
     total = float(np.sum(squares))
     if not total > 0.0:
         return
-    # Channels share their paths, and the quads of a cell its codes.
+    # Channels share their paths, and the quads of a cell share its codes.
     single = total**2 / float(np.sum(squares**2)) * min(cells / squares.size, 1.0 / 3.0)
     spread = float(np.sqrt(2.0 / max(single, 1.0) * (1.0 + 1.0 / _FREEDOM)))
     power, mean = float(np.mean(image[known] ** 2)), float(np.mean(squares))
@@ -110,30 +110,31 @@ def judge_error_bars(
 
 
 def judge_negative_light(image: Floats, sensor: Floats) -> Iterator[VerdictFinding]:
-    """Light below zero, in a picture that no path makes darker; (n, C) each, of pixels in the field
+    """Light below zero, in a picture where no path takes light away; (n, C) each, of pixels in the
+    field.
 
-    What is below zero is error for certain. Errors go as far up as down, so that of a picture that
-    is all error half of the squares are below zero; where there is light, less of it shows. No
+    Light below zero is certainly an error. Errors are as often negative as positive. So if a
+    picture is all error half of its squares are below zero; where there is light, fewer are. No
     model of the scene is needed.
     """
     known = np.isfinite(sensor) & np.isfinite(image)
     if not known.any():
         return
     below = 2.0 * float(np.mean(np.minimum(image[known], 0.0) ** 2))
-    # Noise is found by itself, and scatters below zero where there is no light.
+    # Noise has a finding of its own, and scatters below zero where there is no light.
     below -= float(np.mean(sensor[known] ** 2))
     power = float(np.mean(image[known] ** 2))
     yield from judge(Cause.BELOW_ZERO, _over_the_rest(max(below, 0.0), power))
 
 
 def _over_the_rest(error: float, power: float) -> float:
-    """RMS error over the RMS of what a picture has without it; both are mean squares."""
+    """RMS error over the RMS of the picture without it; `error` and `power` are mean squares."""
     return float(np.sqrt(error / (power - error))) if error < power else np.inf
 
 
 def _error_by_single_paths(seen: Evidence, image: Floats) -> float:
-    """RMS error by codes over that of the answer, (n, C) in the field, if each point got all its
-    indirect light by one path: what its weight is off, of all paths alike."""
+    """RMS error by codes over the RMS of the answer, (n, C) in the field, if each point got all its
+    indirect light by one path, whose weight is as wrong as those of all paths on average."""
     rule = seen.decoded.recipe.answer
     if isinstance(rule, Extremes):
         weights = dict.fromkeys(rule.photos, max(abs(rule.largest), abs(rule.smallest)))
@@ -147,8 +148,8 @@ def _error_by_single_paths(seen: Evidence, image: Floats) -> float:
 
 
 def _judge_common_light(share: float) -> list[VerdictFinding]:
-    """Share of the light of a slice's photos that comes whatever is shown: it is in the picture of
-    the scene under all patterns, and not in the entries of T."""
+    """Judges the share of the light of a slice's photos that comes whatever is shown. It is in the
+    picture of the scene under all patterns, and not in the entries of T."""
     rest = share / (1.0 - share) if share < 1.0 else np.inf
     return judge(Cause.COMMON_LIGHT, rest, share=share)
 

@@ -1,7 +1,7 @@
 """From the pictures of a run to the verdict on it.
 
-Each group of causes has a module that works out its figures: shots, panels, matrices, the answer.
-What tells why a photo is bad comes before what follows from it.
+Each group of causes has a module that computes its figures: shots, panels, matrices, the answer.
+Findings that explain why a photo is bad come before those that follow from them.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from pdcd.verdict.shots import judge_shots
 
 
 def assess_run(record: RunRecord, decoded: DecodedRun, deviations: dict[str, Deviation]) -> Quality:
-    """The verdict on a run that was decoded; `deviations` are those of its photos. For the worker,
-    once the pictures are made."""
+    """The verdict on a run that was decoded; `deviations` are those of its photos. Called by the
+    worker, once the pictures are made."""
     if record.cells is None:
         return combine_findings([])
     seen = Evidence(record, record.cells, decoded, deviations)
@@ -31,8 +31,8 @@ def assess_run(record: RunRecord, decoded: DecodedRun, deviations: dict[str, Dev
 
 
 def assess_places(record: RunRecord, decoded: DecodedRun) -> list[VerdictFinding]:
-    """That part of the verdict which is about where panels and camera are. For the acceptance of a
-    bench, which has a row for it."""
+    """The part of the verdict that is about where panels and camera are. For the acceptance test of
+    a bench, which has a row for it."""
     if record.cells is None:
         return []
     return list(judge_panels(Evidence(record, record.cells, decoded, {})))

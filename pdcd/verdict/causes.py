@@ -1,7 +1,7 @@
-"""The table of the verdict: from which figure on a photo is doubtful or bad, and what is said then.
+"""The table of the verdict: the figures from which a photo is doubtful or bad, and what is said.
 
-`judge` holds one figure against its row; that figure is worked out beside it, by the room's other
-modules. docs/quality.md has the same table for users.
+`judge` compares one figure with its row. The room's other modules compute the figures.
+docs/quality.md has the same table for users.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pdcd.protocol.result import Quality
 NEVER = math.nan
 """A limit that no figure reaches."""
 YES = 1.0
-"""The limit of what is counted, or true."""
+"""The limit of figures that are counts, or true and false."""
 
 
 class Grade(IntEnum):
@@ -32,11 +32,11 @@ class Grade(IntEnum):
 
 @dataclass(frozen=True)
 class VerdictRow:
-    """One cause: doubtful from this figure on, bad from that, and what is said.
+    """One cause: the figures from which a photo is doubtful and bad, and what is said.
 
     says : one sentence with what to do. ``{figure}`` and ``{limit}``, as all shares, are written as
-    percentages unless a format follows the name; other names are what the figure came from.
-    remark : from which figure on it is worth a remark. falls : small figures are the bad ones.
+    percentages unless a format follows the name; other names are details of the figure.
+    remark : the figure from which it is worth a remark. falls : small figures are the bad ones.
     """
 
     doubtful: float
@@ -46,7 +46,7 @@ class VerdictRow:
     falls: bool = False
 
     def grade(self, figure: float) -> Grade:
-        """That of the heaviest limit which the figure reaches."""
+        """The grade of the heaviest limit that the figure reaches."""
         for limit, grade in (
             (self.bad, Grade.BAD),
             (self.doubtful, Grade.DOUBTFUL),
@@ -58,7 +58,7 @@ class VerdictRow:
 
 
 class Cause(Enum):
-    """All that a photo may not be good for; shares are of 1."""
+    """All causes for which a photo may be doubtful or bad; shares are of 1."""
 
     # fmt: off
     # Single shots.
@@ -253,7 +253,7 @@ class Cause(Enum):
 
 @dataclass(frozen=True)
 class VerdictFinding:
-    """One plain sentence with its figure, its limit and what to do, and the row that it is of."""
+    """One plain sentence with its figure, its limit and what to do, and the row it comes from."""
 
     grade: Grade
     text: str
@@ -261,7 +261,7 @@ class VerdictFinding:
 
 
 class _Share(float):
-    """A share of 1, as sentences have it."""
+    """A share of 1, written as a percentage in sentences."""
 
     def __format__(self, spec: str) -> str:
         if spec:
@@ -272,9 +272,9 @@ class _Share(float):
 def judge(
     cause: Cause, figure: float = YES, grade: Grade | None = None, **words: float | str
 ) -> list[VerdictFinding]:
-    """What this figure comes to: one finding, or none.
+    """The finding that this figure leads to, or none.
 
-    grade : where more than the figure decides it. words : further names in the sentence.
+    grade : where it does not depend on the figure alone. words : further names in the sentence.
     """
     row = cause.value
     grade = row.grade(figure) if grade is None else grade

@@ -1,10 +1,10 @@
-"""Do the codes of both panels meet in time? By how the parts of a photo differ.
+"""Whether the codes of both panels meet in time, from the differences between parts of a photo.
 
 Where the mask is later or earlier than believed, each of its codes meets the one before or after it
-on the projector as well. How often a cell is then lit through its own mask differs from part to
-part, by the order of its codes, which is known. The scene is the same in all parts, and the chance
-of codes has another order: so direct light that gets past the codes is told to a few
-thousandths of it, however little the scene is known.
+on the projector as well. For how long a cell is then lit through its own mask differs from part to
+part with the order of its codes, which is known. The scene is the same in all parts, and the chance
+of codes follows another order. So direct light that gets past the codes is measured to a few
+thousandths, however little is known of the scene.
 """
 
 from __future__ import annotations
@@ -20,25 +20,26 @@ from pdcd.probing.deviation import weight_s
 from pdcd.verdict.evidence import Evidence, compute_rms
 
 _FEWEST_PARTS = 3
-"""Parts that tell anything."""
+"""Least number of parts for an estimate."""
 _SURE = 4.0
-"""Standard deviations from which light gets past the codes."""
+"""Standard deviations from which light counts as getting past the codes."""
 _PATCH_CELLS = 4
-"""Cells along a side of a part of the field whose errors are one: light is alike close by."""
+"""Side, in cells, of the patches of the field whose errors are taken as independent: the light of
+neighbouring cells is correlated."""
 
 
 @dataclass(frozen=True)
 class CrossedLight:
-    """Direct light that gets past the codes: its share of all of it, and its RMS over that of the
-    answer."""
+    """Direct light that gets past the codes: as a share of all direct light, and its RMS over that
+    of the answer."""
 
     lost: float
     share: float
 
 
 def measure_crossed_light(seen: Evidence) -> CrossedLight | None:
-    """By the parts of a photo of all indirect light, beside a white one; None where these do not
-    tell, or codes meet. For the verdict on panels."""
+    """Measured from the parts of a photo of all indirect light, with a white photo; None where
+    there are too few of these, or where codes meet. For the verdict on panels."""
     white = [p for p in seen.decoded.recipe.photos if p.wanted.uniform == (1.0, 1.0)]
     coded = [p for p in seen.photos if p.wanted.uniform == (0.0, 1.0)]
     if not white or not coded:
@@ -73,16 +74,16 @@ def compute_crossed_light(
     all_light: Floats,
     grid: tuple[int, int],
 ) -> CrossedLight | None:
-    """The same by the figures of P parts on N cells.
+    """The same from the light of P parts on N cells.
 
-    light : (P, N), of parts in units of indirect light, NaN where it is not known. believed : how
-    much of the direct light gets past the codes as believed, (P, N), and `crossed`, how much more
-    would where the mask were late, and where it were early. all_light : (N,).
+    light : (P, N), of parts in units of indirect light, NaN where it is not known. believed :
+    (P, N), share of the direct light that is believed to get past the codes. crossed : how much
+    more would if the mask were late, and if it were early. all_light : (N,).
     """
     known = np.isfinite(all_light - light.mean(axis=0))
     light, believed, all_light = light[:, known], believed[:, known], all_light[known]
     more = [one[:, known] for one in crossed]
-    # What is believed to get past the codes is no news.
+    # The light that is believed to get past the codes is subtracted.
     direct = np.maximum(all_light - light.mean(axis=0), 0.0) / (1.0 - believed.mean(axis=0))
     light = light - believed * direct
     times, sigma = _fit_times(light, [one * direct for one in more], _number_patches(grid)[known])
@@ -91,12 +92,12 @@ def compute_crossed_light(
     answer = compute_rms(light.mean(axis=0))
     if not past > 0.0 or not answer > 0.0:
         return None
-    # It is missing in what seems to be direct.
+    # This light is missing in the direct light that was computed above.
     return CrossedLight(past / (1.0 + past), past * compute_rms(direct) / answer)
 
 
 def _number_patches(grid: tuple[int, int]) -> NDArray[np.intp]:
-    """Which part of the field each cell lies in, (N,)."""
+    """Number of the patch of the field that each cell lies in, (N,)."""
     down, right = (at.ravel() // _PATCH_CELLS for at in np.indices(grid))
     return np.asarray(down * (right.max() + 1) + right)
 
@@ -104,8 +105,8 @@ def _number_patches(grid: tuple[int, int]) -> NDArray[np.intp]:
 def _fit_times(
     light: Floats, more: Sequence[Floats], patch: NDArray[np.intp]
 ) -> tuple[Floats, Floats]:
-    """How often each of some patterns is in what parts differ by, and the standard deviation of
-    that; all are (P, N). 0 for a pattern that parts do not differ by."""
+    """Least-squares factors of some patterns in the differences between parts, and their standard
+    deviations; all are (P, N). 0 for a pattern that is the same in all parts."""
     apart = light - light.mean(axis=0)
     by = np.stack([one - one.mean(axis=0) for one in more])
     inverse = np.linalg.pinv(np.einsum("ipn,jpn->ij", by, by))

@@ -1,7 +1,7 @@
 """What each cause contributes to the error of a photo: scale, stops, maps, timing, codes, noise.
 
-Nothing is estimated anew. Error bars know what of them comes from where, the verdict what direct
-light is left, the record how sure scale and stops are. What nobody knows is said to be unknown.
+Nothing new is estimated. The error bars have their own causes, the verdict has the direct light
+that is left, and the record the precision of scale and stops. Unknown parts are said to be unknown.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pdcd.verdict.matrices import find_direct_left
 ALL_CAUSES = "all"
 """Name of the last row: the root of the sum of squares of those that are known."""
 _LEAST = 1e-6
-"""Weight of direct light that is none."""
+"""Weight of direct light below which it counts as none."""
 
 
 class ErrorRow(msgspec.Struct, frozen=True):
@@ -46,8 +46,8 @@ class ErrorRow(msgspec.Struct, frozen=True):
 def make_error_budget(
     record: RunRecord, decoded: DecodedRun, deviations: Mapping[str, Deviation] | None = None
 ) -> tuple[ErrorRow, ...]:
-    """The budget of a run that was decoded, a row for each cause and one for all. For the report
-    and `Run.error_budget`. deviations : of its photos, None: they are worked out."""
+    """The budget of a run that was decoded: a row for each cause and one for all. For the report
+    and `Run.error_budget`. deviations : of its photos; if None they are computed."""
     if record.cells is None:
         return ()
     if deviations is None:
@@ -68,7 +68,7 @@ def make_error_budget(
 
 
 def _list_causes(seen: Evidence, light: float) -> Iterator[tuple[str, float | None, str]]:
-    """Name, share of the answer's RMS `light`, and source of each."""
+    """Name of each cause, its share of the answer's RMS `light`, and the source of that."""
     record = seen.record
     if record.scale is None:
         yield "scale", None, "it is not known how bright a unit is"
@@ -139,7 +139,7 @@ def _codes(seen: Evidence, light: float) -> tuple[float | None, str]:
 
 
 def _of_part(seen: Evidence, cause: ErrorCause, light: float, why: str) -> tuple[float | None, str]:
-    """What error bars have of a cause that is not known whole, and why it is not."""
+    """The part of a cause that error bars contain, and why its whole is not known."""
     share = _of_cause(seen, cause, light)
     return (share, f"the part that error bars contain; {why}") if share else (None, why)
 

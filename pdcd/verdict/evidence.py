@@ -1,7 +1,7 @@
-"""What the verdict on a run looks at: its matrices, and some pixels of its pictures and shots.
+"""What the verdict on a run is based on: its matrices, and some pixels of its pictures and shots.
 
-All that looks at pixels looks at some `_PIXELS` of them, evenly spread, and at means over cells of
-those. So it takes the same few hundredths of a second for a frame of any size.
+Instead of all pixels the verdict uses about `_PIXELS` of them, evenly spread, and their means over
+cells. So it takes the same few hundredths of a second for a frame of any size.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from pdcd.sensor.cells import CellMap
 from pdcd.verdict.placement import LightSample
 
 _PIXELS = 2**14
-"""Pixels that are looked at, at most four times as many."""
+"""Number of pixels that are used, and up to four times as many."""
 PIXELS_PER_CELL = 4
-"""The same for each cell, where that is more: of those that see the field."""
+"""Pixels of the field per cell that are used, where that gives more."""
 _STACK = 24
-"""Photos of single codes that are looked at."""
+"""Most photos of single codes that are used."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class PixelSample:
 
     @classmethod
     def of(cls, cells: CellMap) -> PixelSample:
-        """Pixels of a frame, with the cell that the centre of each lies in."""
+        """Pixels of a frame, each with the cell that its centre lies in."""
         (rows, cols), (height, width) = cells.grid, cells.frame
         field_share = max(float(np.mean(cells.known)), 1.0 / (height * width))
         least = max(_PIXELS, PIXELS_PER_CELL * rows * cols / field_share)
@@ -76,11 +76,11 @@ class PixelSample:
         return slice(self.step // 2, None, self.step)
 
     def inside(self, values: Floats) -> Floats:
-        """Those of the field."""
+        """The values inside the field."""
         return values[self.cell >= 0]
 
     def outside(self, values: Floats) -> Floats:
-        """Those beside the field."""
+        """The values outside the field."""
         return values[self.cell < 0]
 
     def mean(self, values: Floats, blown: NDArray[np.bool_]) -> Floats:
@@ -95,7 +95,7 @@ class PixelSample:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A run whose pictures were made, and what of it is looked at.
+    """A run whose pictures were made, and those of its data that the verdict uses.
 
     cells : the map of its frame. deviations : of photos from what was wanted.
     """
@@ -107,22 +107,22 @@ class Evidence:
 
     @cached_property
     def photos(self) -> list[RecipePhoto]:
-        """Those that the answer is made of."""
+        """The photos that the answer is made of."""
         return list(self.decoded.recipe.answer_photos)
 
     @cached_property
     def names(self) -> list[str]:
-        """Names of their shots, single codes included."""
+        """Names of the shots of these photos, single codes included."""
         return list(self.decoded.recipe.answer_shots)
 
     @cached_property
     def thin(self) -> PixelSample:
-        """The pixels that are looked at."""
+        """The pixels that are used."""
         return PixelSample.of(self.cells)
 
     @property
     def pictures(self) -> Mapping[str, PictureWithErrors]:
-        """All of them, by name."""
+        """All pictures, by name."""
         return self.decoded.pictures
 
     @cached_property
@@ -132,21 +132,21 @@ class Evidence:
 
     @cached_property
     def records(self) -> list[ShotRecord]:
-        """What the run wrote down of the shots that the answer is made of."""
+        """The records of the shots that the answer is made of."""
         names = set(self.names)
         return [shot for shot in self.record.shots if shot.name in names]
 
     @cached_property
     def panels(self) -> dict[str, ExposedShot]:
-        """Shots and weighted sums of them, by the names that photos call them."""
+        """Shots and weighted sums of them, by the names that photos use."""
         return {**self.decoded.shots, **self.decoded.sums}
 
     def inside(self, image: NDArray[Any]) -> Floats:
-        """Values of a picture (h, w, C) at the pixels of the field that are looked at, (n, C)."""
+        """Values of a picture (h, w, C) at the sampled pixels of the field, (n, C)."""
         return self.thin.inside(self.thin.pick(image))
 
     def sample(self, terms: Iterable[tuple[float, str]]) -> LightSample:
-        """A signed sum of shots, by the means of its cells."""
+        """A signed sum of shots, as means over its cells."""
         thin = self.thin
         shots = [(sign, self.decoded.shots[name]) for sign, name in terms]
         grey = sum((s * thin.light(e).mean(axis=1) for s, e in shots), np.zeros(len(thin.cell)))
@@ -156,11 +156,11 @@ class Evidence:
 
 
 def compute_rms(values: Floats) -> float:
-    """Of the values that are known; 0 where none is."""
+    """RMS of the values that are known; 0 where none is."""
     known = np.isfinite(values)
     return float(np.sqrt(np.mean(values[known] ** 2))) if known.any() else 0.0
 
 
 def list_evenly(names: Sequence[str]) -> Sequence[str]:
-    """At most `_STACK` of them, evenly spread."""
+    """At most `_STACK` of the names, evenly spread."""
     return names[:: -(-len(names) // _STACK)] if names else names

@@ -1,5 +1,5 @@
-"""What the verdict says of probing matrices as the panels realised them: of weights that are off,
-of torn windows, and of light that was to be blocked and got through.
+"""The verdict on probing matrices as the panels realised them: on wrong weights, torn windows, and
+light that got through although it was to be blocked.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from pdcd.verdict.evidence import Evidence
 from pdcd.words import NormaliseName
 
 _TOGETHER = 1
-"""Cells by which the partners of neighbours may lie nearer or further apart than these."""
+"""Cells by which the offset between partners may differ from that between the neighbours."""
 _NO_WEIGHT = 1e-9
-"""Weight that is none."""
+"""Weight below which it counts as none."""
 _FEWEST_COMPARED = 2
-"""Parts by which what is common to them is told from chance."""
+"""Least number of parts from which their common error can be separated from chance."""
 _LEAST_SHOWN = 0.05
 """Least share of the direct light that a picture of it is taken to show."""
 
 
 def judge_matrices(seen: Evidence) -> Iterator[VerdictFinding]:
-    """All that is said of the matrices of the answer's photos."""
+    """All findings on the matrices of the answer's photos."""
     yield from judge(Cause.TORN, warp_tear_share(seen.photos, seen.records))
     grey = seen.record.grey_unknown
     yield from judge(Cause.GREY_LIGHT, float(len(grey)), panels=" and the ".join(grey))
@@ -68,8 +68,8 @@ def judge_matrices(seen: Evidence) -> Iterator[VerdictFinding]:
 def judge_never_shown(
     photo: str, realised: Factors, wanted: WantedMatrix
 ) -> Iterator[VerdictFinding]:
-    """Whether a photo's codes lit and opened all cells that they were to: all of its parts together
-    never do it elsewhere, and agree in that."""
+    """Whether a photo's codes lit and opened all cells that they were to. If not, no part of it
+    does, so that the spread of the parts does not show it."""
     unlit, share = find_unlit_cells(realised, wanted)
     yield from judge(Cause.NEVER_LIT, share, photo=photo, cells=_count_cells(unlit))
     shut = find_shut_cells(realised, wanted)
@@ -90,12 +90,11 @@ def _list_parts(seen: Evidence, photo: RecipePhoto) -> list[Combination]:
 def measure_common_error(
     realised: Factors, parts: Sequence[Factors], wanted: WantedMatrix
 ) -> float:
-    """RMS over all paths, but those of cells of which nothing is known, of what the weights of a
-    photo are off in all of its parts alike; 0 of one that has no parts, or whose parts make up for
-    each other.
+    """RMS error of weights that all parts of a photo have alike, over all paths except those of
+    unknown cells; 0 for a photo without parts, or where their errors compensate each other.
 
-    The mean of B parts that err independently has 1/B of their mean square. What it has more is
-    common to them.
+    The mean of B parts with independent errors has 1/B of their mean square. Any excess is common
+    to them.
     """
     if len(parts) < _FEWEST_COMPARED:
         return 0.0
@@ -107,7 +106,7 @@ def measure_common_error(
 
 
 def _compute_path_error(realised: Factors, wanted: WantedMatrix, known: Bools) -> float:
-    """Mean square of what paths but the direct one are off, of `known` cells (N,)."""
+    """Mean square error of the weights of all paths but the direct one, for `known` cells (N,)."""
     scale = weight_s(realised, wanted)
     if not known.all():
         inner, norm = row_weights_s(realised, wanted)
@@ -122,8 +121,8 @@ def _count_cells(cells: Bools) -> str:
 
 
 def _judge_direct_left(seen: Evidence) -> Iterator[VerdictFinding]:
-    """What is direct light in an answer of one photo without any, of which a picture shows how much
-    there is."""
+    """How much of an answer without direct light is direct light, if it is made of one photo and a
+    picture shows how much direct light there is."""
     left = find_direct_left(seen)
     if left is None:
         return
@@ -135,8 +134,9 @@ def _judge_direct_left(seen: Evidence) -> Iterator[VerdictFinding]:
 
 @dataclass(frozen=True)
 class DirectLeft:
-    """Direct light in an answer that is to have none: its mean weight, and its RMS over that of the
-    answer. taken_out : the same where it was taken out of the picture, None where it is in it."""
+    """Direct light in an answer that should have none: its mean weight, and its RMS over that of
+    the answer. taken_out : the same where it was subtracted, None where it is still in the picture.
+    """
 
     weight: float
     share: float
@@ -144,9 +144,9 @@ class DirectLeft:
 
 
 def find_direct_left(seen: Evidence) -> DirectLeft | None:
-    """What of direct light the panels let through as they switch, or between cells, in an answer of
-    one photo without any; None of another answer, or where no picture tells how much there is. For
-    the verdict and the error budget."""
+    """Direct light that the panels let through as they switch, or between cells, in an answer of
+    one photo without direct light; None for other answers, or where no picture shows how much
+    direct light there is. For the verdict and the error budget."""
     if len(seen.photos) != 1 or "direct" not in seen.pictures:
         return None
     (photo,) = seen.photos
@@ -155,7 +155,7 @@ def find_direct_left(seen: Evidence) -> DirectLeft | None:
     there, answer = (seen.inside(p.image) for p in (seen.pictures["direct"], seen.decoded.answer))
     mean = abs(seen.deviations[photo.name].diagonal_mean)
     weight = max(mean, _weight_at_borders(seen, photo))
-    # What is left of it in this picture is missing in that of direct light.
+    # The direct light that is left in this picture is missing in the picture of direct light.
     share = compute_light_share(weight, there / max(1.0 - mean, _LEAST_SHOWN), answer)
     taken_out = None
     if seen.decoded.takes_out(photo, seen.record.normalise):
@@ -173,8 +173,8 @@ def compute_light_share(weight: float, light: Floats, answer: Floats) -> float:
 def _weight_at_borders(seen: Evidence, photo: RecipePhoto) -> float:
     """RMS over the quads of the weight of direct light that gets through between cells.
 
-    It lies along the borders of cells, in lines that are one quad wide or, where quads are finer
-    than that, as wide as the panels are apart.
+    This light lies along the borders of cells, in lines that are one quad wide or, where quads are
+    finer than that, as wide as the distance of the panels' borders.
     """
     apart = seen.decoded.apart_in(photo)
     quads = max(int(np.count_nonzero(seen.cells.known)), 1)
@@ -183,10 +183,10 @@ def _weight_at_borders(seen: Evidence, photo: RecipePhoto) -> float:
 
 
 def _judge_blocked_left(seen: Evidence, shares: Mapping[str, float]) -> Iterator[VerdictFinding]:
-    """What is left of light that was to be blocked by its depth, or by its row.
+    """How much is left of light that was to be blocked because of its depth, or its row.
 
-    Where windows cut cells, what holds between cells says nothing of direct light, which goes from
-    point to point.
+    Not where windows cut cells: a weight between cells then says nothing of direct light, which
+    goes from point to point.
     """
     if any(shot.window != "whole" for shot in seen.record.shots):
         return
@@ -199,15 +199,15 @@ def _judge_blocked_left(seen: Evidence, shares: Mapping[str, float]) -> Iterator
         weight += shares[photo.name] * compute_blocked_weight(realised, photo.wanted, full_s)
     weight = abs(weight)
     white, answer = (seen.inside(p.image) for p in (seen.pictures["white"], seen.decoded.answer))
-    # What is left of it in this picture is missing in the difference.
+    # The light that is left in this picture is missing in the difference.
     blocked = (white - answer) / max(1.0 - weight, _LEAST_SHOWN)
     share = compute_light_share(weight, blocked, answer)
     yield from judge(Cause.BLOCKED_LEFT, share, weight=weight)
 
 
 def _judge_direct_unseen(seen: Evidence, shares: Mapping[str, float]) -> Iterator[VerdictFinding]:
-    """Direct light in an answer that is to have none in some cells, where no photo shows how much
-    there is. Off the axis it comes another way."""
+    """Direct light in an answer that should have none in some cells, where no photo shows how much
+    direct light there is. On an off-axis bench direct light takes other paths."""
     if not seen.photos:
         return
     wanted, got = np.zeros((2, seen.photos[0].wanted.cells))
@@ -220,9 +220,9 @@ def _judge_direct_unseen(seen: Evidence, shares: Mapping[str, float]) -> Iterato
 
 
 def warp_tear_share(photos: Iterable[RecipePhoto], shots: Sequence[ShotRecord]) -> float:
-    """Largest share of cells, of these photos, that share windows with others which are matched
-    elsewhere; 0 where all their `shots` were shown through whole windows. Photos that keep other
-    light, too, lose little.
+    """Share of cells that share windows with others whose partners lie elsewhere: the largest of
+    these photos; 0 where all their `shots` were shown through whole windows. Photos that keep other
+    light, too, lose little, and do not count.
 
     A quarter window opens for the code of a projector cell that reaches beyond it, and is shared by
     four cells of the mask. That is right where neighbours are matched with neighbours, as by a
@@ -241,7 +241,7 @@ def warp_tear_share(photos: Iterable[RecipePhoto], shots: Sequence[ShotRecord]) 
 
 
 def count_torn_cells(partner: Indices, grid: Grid) -> float:
-    """Share of the cells with a partner, (N,), that touch one whose partner lies elsewhere."""
+    """Share of the cells with a partner, (N,), next to one whose partner lies elsewhere."""
     rows, cols = grid
     there = (partner >= 0).reshape(grid)
     moved = np.array(np.divmod(partner.reshape(grid), cols)) - np.indices(grid)
@@ -258,7 +258,7 @@ def count_torn_cells(partner: Indices, grid: Grid) -> float:
 
 def list_blocked_parts(wanted: WantedMatrix) -> list[MatrixPart]:
     """The paths that a photo is to block: of matched cells, or of rows. Direct light of an off-axis
-    bench takes one of these, and nobody knows which."""
+    bench takes one of these paths; which one is not known."""
     return [p for w, p in wanted.parts if w < 0.0 and isinstance(p, MatchPart | SameRowPart)]
 
 
@@ -280,9 +280,9 @@ def compute_blocked_weight(realised: Factors, wanted: WantedMatrix, weight_s: fl
 def compute_direct_weight_errors(
     photos: Sequence[RecipePhoto], panels: Mapping[str, RealisedShot], normalise: NormaliseName
 ) -> dict[str, float]:
-    """Of photos that direct light alone scales, by one number for all cells, of those that keep a
-    share of it beside other matched cells, and of an answer that is one photo of any weights: how
-    far the weights of cells are off, over the wanted ones."""
+    """How far the direct weights of cells are off, over the wanted ones, by photo. Only of photos
+    that are scaled by one number because of direct light alone, of those that keep a share of it
+    beside other matched cells, and of an answer that is one photo of any weights."""
     found = {}
     for photo in photos:
         wanted = photo.wanted.diagonal()
@@ -290,7 +290,7 @@ def compute_direct_weight_errors(
         scaled = photo.wanted.by_direct and not photo.wanted.by_light
         alone = not photo.wanted.others(np.ones((1, wanted.size))).any()
         full = [w * part.matrix for w, part in photo.wanted.parts if isinstance(part, FullPart)]
-        if full and len(photos) == 1:  # where hardly any direct light is wanted, what else is
+        if full and len(photos) == 1:  # compared with all wanted weights if hardly any are direct
             power, scaled = max(power, float(np.mean(full[0] ** 2))), power > 0.0
         elsewhere = photo.wanted.matched is not None
         # Cells whose partner lies beyond the field have no weight at all.

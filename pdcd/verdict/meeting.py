@@ -1,15 +1,17 @@
-"""Do the codes of both panels meet in time? Direct light that photos of codes show, against direct
-light that is there whatever the mask does.
+"""Whether the codes of both panels meet in time: the direct light that photos of codes show is
+compared with the direct light that is there whatever the mask does.
 
-The realised matrix goes by what is believed of the panels' times. Of a mask that is late or slow it
-says that codes meet, while direct light gets past them: it is missing in the picture of direct
-light, and added to that of indirect light, for all points and in all parts alike. What tells it:
+The realised matrix is computed from the believed times of the panels. If the mask is late or slow,
+the matrix has codes meet while direct light gets past them. That light is missing in the picture of
+direct light, and added to that of indirect light, for all points and in all parts alike. There are
+three measurements of it:
 
-- *how parts differ* (`pdcd.verdict.crossed`), to a few thousandths of it, where there are parts;
+- *the differences between parts* (`pdcd.verdict.crossed`), to a few thousandths of the direct
+  light, where there are parts;
 - *single codes through an open mask*, as of a pilot: a cell is bright when its own projector cell
-  is. They tell direct light to a few hundredths;
-- *blocks on the projector*, which stand still (`pdcd.pictures.misplaced`). Light from near counts
-  as direct there, so that they tell it to a fifth.
+  is. They measure direct light to a few hundredths;
+- *blocks on the projector*, which stand still (`pdcd.pictures.misplaced`). They count light from
+  near as direct, so that they measure it to a fifth.
 """
 
 from __future__ import annotations
@@ -27,24 +29,24 @@ from pdcd.verdict.evidence import Evidence, compute_rms
 from pdcd.verdict.placement import LightSample
 
 _LEAST_THERE = 0.1
-"""Share of direct light without which photos do not tell how much of it is lost."""
+"""Least share of direct light for photos to measure how much of it is lost."""
 _LEAST_LOST = 0.03
-"""Share of it that may seem lost where codes meet, beyond chance. It was up to 0.03 before wax by
-quarter windows, which is less than is doubtful there, else 0.015."""
+"""Share of it that may seem lost where codes meet, beyond chance. It was up to 0.03 in front of wax
+with quarter windows, which is less than is doubtful there, else 0.015."""
 _BLOCKS_UNSURE = 0.2
-"""The same by blocks, beyond that: before milk 0.16."""
+"""The same for the measurement by blocks, in addition: 0.16 in front of milk."""
 _HOPELESS = 0.5
-"""Share of it that is lost from which photos of codes do not tell any more how much there is."""
+"""Lost share from which photos of codes no longer measure how much direct light there is."""
 _CHANCE = 6.0
-"""Direct light over its standard deviation from which it is there."""
+"""Direct light over its standard deviation from which it counts as present."""
 _SIGMAS = 2.0
-"""Standard deviations of its own that it may be off by."""
+"""Standard deviations by which the measured direct light may be off."""
 
 
 @dataclass(frozen=True)
 class DirectLight:
-    """Direct light over all light: what is there, what photos of codes show of it, and by how much
-    the first may be off, over itself."""
+    """Direct light over all light: what is there, what photos of codes show of it, and the relative
+    error of the former."""
 
     there: float
     shown: float
@@ -54,10 +56,10 @@ class DirectLight:
 def judge_meeting(
     seen: Evidence, coded: Floats, single: Sequence[LightSample]
 ) -> list[VerdictFinding]:
-    """Whether codes keep the direct light apart that is there.
+    """Whether photos of codes show all the direct light that is there.
 
-    coded : (N,) its shares by photos of codes, NaN where they do not tell. single : photos of one
-    code each through an open mask, none or at least two.
+    coded : (N,), its shares by photos of codes, NaN where they cannot be computed. single : photos
+    of one code each through an open mask, none or at least two.
     """
     by_parts = measure_crossed_light(seen)
     found = _compare_direct_light(seen, coded, single)
@@ -69,7 +71,7 @@ def judge_meeting(
 def _compare_direct_light(
     seen: Evidence, coded: Floats, single: Sequence[LightSample]
 ) -> list[VerdictFinding]:
-    """The same by direct light that is there whatever the mask does; as of `judge_meeting`."""
+    """The same, from direct light measured whatever the mask does; arguments of `judge_meeting`."""
     look = seen.record.panels
     light = compare_with_single_codes(coded, single, measure_own_part(seen.cells))
     if light is None and look is not None:
@@ -93,8 +95,8 @@ def _compare_direct_light(
 
 
 def list_single_codes(seen: Evidence, names: Sequence[str]) -> list[LightSample]:
-    """Photos of one code each, which have no black exposures of their own, without the room's light
-    by that of another shot, where there is any."""
+    """Photos of one code each. They have no black exposures of their own: the room's light is
+    subtracted as another shot shows it, if there is one."""
     samples = [seen.sample([(1.0, name)]) for name in names]
     for name, shot in seen.planned.items():
         if shot.primal_black and not shot.dual_black and name in seen.decoded.shots:
@@ -108,9 +110,9 @@ def list_single_codes(seen: Evidence, names: Sequence[str]) -> list[LightSample]
 def compare_with_single_codes(
     coded: Floats, single: Sequence[LightSample], own_part: float
 ) -> DirectLight | None:
-    """The direct light of bright cells by photos of single codes, beside that by `coded` (N,), each
-    cell weighing as much; None where they do not tell it. own_part : of the light of a cell's
-    pixels, what comes from the cell itself."""
+    """The direct light of bright cells by photos of single codes, compared with that by `coded`
+    (N,), both with the same weights of cells; None where they cannot measure it. own_part : share
+    of the light of a cell's pixels that comes from the cell itself."""
     if len(single) < 2:
         return None
     light = np.stack([s.light for s in single])
@@ -134,7 +136,7 @@ def compare_with_single_codes(
 
 
 def compare_with_blocks(coded: Floats, there: float) -> DirectLight | None:
-    """The mean of shares `coded` (N,) beside what blocks that stand still say is `there`."""
+    """The mean of shares `coded` (N,), and what is `there` by blocks, which stand still."""
     known = np.isfinite(coded)
     if there < _LEAST_THERE or not known.any():
         return None
@@ -142,8 +144,8 @@ def compare_with_blocks(coded: Floats, there: float) -> DirectLight | None:
 
 
 def measure_own_part(cells: CellMap) -> float:
-    """Of the light of pixels with their centre in a cell, what comes from that cell: pixels at its
-    edges see the next one, too."""
+    """Share of the light of pixels with their centre in a cell that comes from that cell: pixels at
+    its edges see the next one, too."""
     rows, cols = cells.grid
     half = 0.5 * float(np.sqrt(cells.quad_cells))
     at = cells.centres[cells.known] * (cols, rows)
@@ -155,7 +157,7 @@ def measure_own_part(cells: CellMap) -> float:
 
 
 def _find_unexplained(seen: Evidence, lost: float) -> float:
-    """What is lost beside what goes through wrong cells of a mask that lies elsewhere, which has a
+    """What is lost beyond the light that goes through wrong cells of a misplaced mask, which has a
     row of its own."""
     from pdcd.pictures.lost_direct import estimate_lost_direct  # few runs have looked
 
@@ -166,8 +168,8 @@ def _find_unexplained(seen: Evidence, lost: float) -> float:
 
 
 def _share_of_answer(seen: Evidence, there: float, lost: float) -> float:
-    """RMS of the direct light that is lost over that of the answer; where no photo of all light
-    tells how much that is, over the direct light that is left."""
+    """RMS of the direct light that is lost over that of the answer. Where no photo of all light
+    shows how much that is, it is over the direct light that is left."""
     answer = compute_rms(seen.inside(seen.decoded.answer.image))
     white, direct = (seen.pictures.get(name) for name in ("white", "direct"))
     if white is None or not answer > 0.0:

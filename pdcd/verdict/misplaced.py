@@ -1,4 +1,4 @@
-"""What the verdict says of panels and a camera that lie elsewhere, by photos of blocks."""
+"""The verdict on panels and a camera that lie elsewhere than believed, from photos of blocks."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ _FLIPS = {
     "both": "turned by 180 degrees",
 }
 _LEAST_DEG, _LEAST_SCALE = 0.05, 0.002
-"""Turn and change of size from which they are told."""
+"""Turn and change of size from which they are mentioned."""
 _HOPELESS = 0.5
-"""Direct light that goes through wrong cells from which photos do not tell how much there is."""
+"""Share of direct light through wrong cells from which photos no longer measure direct light."""
 _HARDLY = 0.05
-"""Share of direct light in a scene that is hardly any."""
+"""Share of direct light in a scene below which there is hardly any."""
 
 
 def judge_blocks(seen: Evidence, look: PanelLook) -> Iterator[VerdictFinding]:
-    """What photos of blocks say of where panels and camera are, once the pictures are made."""
+    """Findings from photos of blocks on where panels and camera are, once the pictures are made."""
     record, image = seen.record, seen.decoded.answer.image
     windows = {shot.name: shot.window for shot in record.shots}
     shown = [windows[n] for n in seen.names if n in windows and not seen.planned[n].white]
@@ -67,8 +67,8 @@ def judge_blocks(seen: Evidence, look: PanelLook) -> Iterator[VerdictFinding]:
 
 
 def list_placement_warnings(record: RunRecord, window: str) -> list[str]:
-    """What a user is to hear at once, before the other photos are taken; a share of the answer is
-    not known yet, and is that of a scene with as much light of either kind as the blocks show."""
+    """What to tell a user at once, before the other photos are taken. The effect on the answer is
+    not known yet; it is predicted for a scene with as much direct light as the blocks show."""
     look = record.panels
     if look is None:
         return []
@@ -77,15 +77,15 @@ def list_placement_warnings(record: RunRecord, window: str) -> list[str]:
 
 
 def _predict_share(direct: float, lost: LostDirectLight) -> float:
-    """Error of indirect light by direct light that was lost to it, in a scene with such a share of
-    direct light."""
+    """Error of indirect light because of lost direct light, in a scene with this share of direct
+    light."""
     return lost.rms * direct / max(1.0 - direct + lost.rms * direct, _HARDLY)
 
 
 def _judge_look(
     record: RunRecord, look: PanelLook, window: str, share: Callable[[LostDirectLight], float]
 ) -> Iterator[VerdictFinding]:
-    """Both panels and the camera. share : of the answer, by direct light that was lost."""
+    """Findings on both panels and the camera. share : error of the answer by lost direct light."""
     size_px, cell_px = record.projector.field_size_px, mean_cell_px(record)
     measured = record.mask.place.map is not None and record.camera_place.map is not None
     yield from judge_unseen_panels(look, measured=measured)
@@ -95,7 +95,7 @@ def _judge_look(
     yield from placed
     known_px = record.mask.blur_px
     by_lines_px = 0.0 if placed else blur_with_lines_px(record, look)
-    blur_px = max(look.blur_px, by_lines_px)  # a mask that lies elsewhere makes such lines, too
+    blur_px = max(look.blur_px, by_lines_px)  # a misplaced mask makes such lines, too
     if blur_px > known_px and look.upright:
         lost = estimate_lost_direct(record, window)
         yield from judge_mask_blur(look, blur_px, known_px, lost, share(lost))
@@ -103,8 +103,8 @@ def _judge_look(
 
 
 def judge_unseen_panels(look: PanelLook, *, measured: bool) -> list[VerdictFinding]:
-    """Panels of which no photos tell where they lie. measured : whether a calibration does: where
-    nobody could look, its word is taken. Too few quads are a remark: only toys have so few."""
+    """Panels that no photos locate. measured : whether a calibration has; it is trusted where no
+    look was possible. Too few quads are a remark only, as real cameras have enough."""
     if look.mask is not None or (look.why and measured):
         return []
     if look.why:
@@ -122,11 +122,12 @@ def judge_mask_place(
     cell_px: float,
     unsure_px: float = 0.0,
 ) -> list[VerdictFinding]:
-    """The mask's picture against the projector's.
+    """The mask's picture compared with the projector's.
 
-    size_px : (width, height) of the field in projector pixels. share : RMS of that over the RMS of
-        the answer. cell_px : side of a cell; a mask that lies a quarter of one elsewhere opened at
-        other quads than these are divided by, of all light alike.
+    size_px : (width, height) of the field in projector pixels. share : RMS of the light lost to
+        wrong cells over the RMS of the answer. cell_px : side of a cell. If the mask lies a quarter
+        of a cell off, quads are divided by the weights of other windows than they saw, for all
+        light alike.
     """
     if look.mask is None:
         return []
@@ -162,7 +163,7 @@ def judge_mask_blur(
 def judge_camera_place(
     look: PanelLook, place: Placing, size_px: tuple[int, int], cell_px: float
 ) -> list[VerdictFinding]:
-    """What the camera sees against where it is believed to look; cells have sides of `cell_px`."""
+    """Where the camera looks, compared with where it is believed to; `cell_px`: side of a cell."""
     if look.camera is None:
         return []
     lie = measure_misplacement(look.camera, size_px)
@@ -176,11 +177,12 @@ def judge_camera_place(
 
 
 def _missing_share(beside_mask: Bools, field: Bools, image: Floats, step: int) -> float:
-    """RMS over the answer's, (h, w, C), of the light that it lacks where the field lies beside the
-    mask's picture, were it as much there as next to it; 1 where nothing else is seen.
+    """RMS of the light that the answer, (h, w, C), lacks where the field lies beside the mask's
+    picture, over the RMS of the rest, if it were as bright there as next to it; 1 where nothing
+    else is seen.
 
-    beside_mask, field : (h, w). step : every so many quads are looked at. Error bars say that
-    nothing is known there; whoever looks at the whole picture sees a dark edge.
+    beside_mask, field : (h, w). step : every so many quads are used. Error bars are infinite there;
+    whoever looks at the whole picture sees a dark edge.
     """
     import scipy  # few photos have such a part
 
@@ -194,7 +196,7 @@ def _missing_share(beside_mask: Bools, field: Bools, image: Floats, step: int) -
 
 
 def _describe_lie(lie: Misplacement) -> str:
-    """Words that end in "where"."""
+    """How a picture lies, in words that end in "where"."""
     right, down = lie.offset_px
     parts = [_FLIPS[lie.flip]] if lie.flip != "none" else []
     if abs(lie.turn_deg) >= _LEAST_DEG:
@@ -212,7 +214,7 @@ def _describe_lie(lie: Misplacement) -> str:
 
 
 def _describe_mend(device: str, place: Placing, lie: Misplacement) -> str:
-    """One thing to do, and what else does where places are given by hand."""
+    """One thing to do, and an alternative where places were typed in by hand."""
     if place.map is not None or place.homography is not None:
         return "run pdcd calibrate geometry"
     right, down = lie.offset_px

@@ -1,5 +1,5 @@
-"""What the verdict says of where panels and camera are: by light that follows codes, and by photos
-of blocks where these were taken.
+"""The verdict on where panels and camera are: from light that follows codes, and from photos of
+blocks where these were taken.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from pdcd.verdict.placement import (
 )
 
 _CHANCE = 6.0
-"""Fit over chance from which light follows codes. Misplaced panels have 14 to 54, others up to 3.
-"""
+"""Fit over chance from which light counts as following codes: misplaced panels have 14 to 54,
+others up to 3."""
 _TOO_MUCH = 1.5
-"""Share of the light that follows codes which is more than there is. It is found where such codes
-hardly differ from cell to cell, as at the borders of matched ones."""
+"""Share of light that follows codes above which the fit is wrong, as there is not so much. It comes
+out where codes hardly differ from cell to cell, as at the borders of matched ones."""
 
 
 def judge_panels(seen: Evidence) -> Iterator[VerdictFinding]:
-    """All that is said of where panels and camera are."""
+    """All findings on where panels and camera are."""
     yield from _judge_light(seen)
     if seen.record.panels is not None:
         from pdcd.verdict.misplaced import judge_blocks  # few runs have looked
@@ -40,14 +40,14 @@ def judge_panels(seen: Evidence) -> Iterator[VerdictFinding]:
 
 
 def _judge_light(seen: Evidence) -> Iterator[VerdictFinding]:
-    """What the photos say of where the panels are."""
+    """Findings from the light of the photos on where the panels are."""
     record, shots = seen.record, seen.decoded.shots
     told: list[LightSample] = []
     prints: list[LightSample] = []
     white = None
     for photo in seen.decoded.recipe.photos:
         if any(name not in shots for _, name in photo.shots):
-            continue  # a sum of single codes, which the stack tells of
+            continue  # a sum of single codes; the stack is used instead
         samples = _list_samples(photo, seen)
         if photo.wanted.uniform is not None:
             told += samples
@@ -77,7 +77,7 @@ def _judge_light(seen: Evidence) -> Iterator[VerdictFinding]:
 
 
 def _list_samples(photo: RecipePhoto, seen: Evidence) -> list[LightSample]:
-    """What was added in a photo, and what was subtracted, each without what leaks through black."""
+    """What a photo adds, and what it subtracts, each without leaks through black."""
     sides: dict[float, list[tuple[float, str]]] = {1.0: [], -1.0: []}
     of = {name: sign for sign, name in photo.shots}
     for name, sign in of.items():
@@ -97,11 +97,12 @@ def judge_panel_places(
 ) -> list[VerdictFinding]:
     """Whether panels are where they are believed to be (`pdcd.verdict.placement`).
 
-    shares : of direct light. fits, stack : of one photo and of single codes. Two pages of a book
-    send each other light from mirrored places. So a photo whose direct light comes from where it
-    should, and more of it than by the codes of a panel that lies in another way, speaks of the
-    scene. So does any photo of panels that blocks showed `upright`: they say where panels lie by
-    themselves, and of fingerprints only one by inverse codes of the own place.
+    shares : of direct light. fits, stack : of one photo and of single codes.
+
+    Scenes can look like a misplaced panel: two pages of a book send each other light from mirrored
+    places. So a fit of one photo is ignored if more direct light comes from where it should than by
+    the codes of the panel that lies in another way. If blocks showed the panels `upright`, only a
+    fit of inverse codes at the believed place counts.
     """
     in_place = float(np.median(shares)) if shares.size else 0.0
     strange = [fit for fit in fits if abs(fit.share) > in_place]
@@ -119,7 +120,7 @@ def judge_panel_places(
         how += ["inverted"] if worst.share < 0.0 else []
         return judge(Cause.WRONG_WAY, abs(worst.share), how=" and ".join(how))
     own = [fit.share for fit in stack if fit.name == "as believed"]
-    if own and not shares.size:  # single codes went through an open mask, and tell nothing of it
+    if own and not shares.size:  # single codes went through an open mask, which blocks nothing
         shares = np.array(own)
     if not shares.size:
         return []

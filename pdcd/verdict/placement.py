@@ -1,16 +1,17 @@
-"""Do the panels show the codes where they are believed to? What the photos themselves say.
+"""Whether the panels show the codes where they are believed to, from the photos themselves.
 
-Two looks, both at means over cells, both without any further photo:
+There are two tests, both of means over cells, and neither needs a further photo:
 
-- *Direct light.* Photos that keep another share of direct than of other light tell how much of it
-  there is. Where mask and projector show different places, no cell is lit through its own window,
-  and the scene seems to have no direct light; where one of them is inverted, less than none.
-- *Fingerprints.* Were a panel mirrored or turned, direct light would come by the code of the
-  mirrored cell. The realised probing matrix says how much that would be, cell by cell; this is
+- *Direct light.* Photos that keep another share of direct than of other light measure how much of
+  it there is. Where mask and projector show different places, no cell is lit through its own
+  window, and the scene seems to have no direct light; where one of them is inverted, less than
+  none.
+- *Fingerprints.* If a panel were mirrored or turned, direct light would come by the code of the
+  mirrored cell. The realised probing matrix predicts how much that would be, cell by cell; this is
   looked for in the fine detail of the photo. It needs no white photo, and names the fault.
 
-Codes of neighbours are kept apart, evenly. So a shift by a few cells leaves no fingerprint, only
-the loss of direct light.
+The codes of neighbours are kept apart, evenly. So a shift by a few cells leaves no fingerprint,
+only the loss of direct light.
 """
 
 from __future__ import annotations
@@ -25,19 +26,19 @@ from pdcd.arrays import Bools, Floats, Indices
 from pdcd.probing.realised import Factors
 
 _LIT = 0.1
-"""Share of the bright cells' light below which a cell tells nothing."""
+"""Share of the bright cells' light below which a cell is not used."""
 _APART = 0.2
 """Least difference of two photos in the share of direct light that they keep, over that share."""
 PRODUCTS = 2**18
-"""Products of factors that one fingerprint may take; of more, cells around the centre are left."""
+"""Most products of factors for one fingerprint; where there are more, central cells are used."""
 _SIDE = 3
-"""Side in cells of the square whose mean is taken off, so that fine detail remains."""
+"""Side, in cells, of the square whose mean is subtracted, so that fine detail remains."""
 _WIDE = 5
-"""Side in cells of the square over which chance is averaged."""
+"""Side, in cells, of the square over which chance is averaged."""
 _FLAT = 0.01
-"""Spread of a fingerprint over its mean below which it cannot be told from the light itself."""
+"""Spread of a fingerprint over its mean below which it looks like the light itself."""
 _FEWEST = 64
-"""Cells without which nothing is said: chance looks like a pattern in a few."""
+"""Least number of cells for a finding: in a few, chance looks like a pattern."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class LightSample:
 @dataclass(frozen=True)
 class PlacementFit:
     """How well photos fit a panel that lies in another way: the share of light that follows its
-    codes (1: all; -1: all, by the inverse codes), and that over what chance makes of it."""
+    codes (1: all; -1: all, by the inverse codes), and that over what chance gives."""
 
     name: str
     share: float
@@ -84,7 +85,7 @@ def list_panel_symmetries(grid: tuple[int, int]) -> dict[str, Indices]:
 
 def map_direct_shares(samples: Sequence[LightSample], grid: tuple[int, int]) -> Floats:
     """Share of direct light in all light around every cell, (N,); NaN where it is not lit, and
-    everywhere where the photos do not tell it. For the verdict.
+    everywhere if the photos cannot measure it. For the verdict.
 
     The light of a cell in each photo is ``d D + o I``: d from `coaxial`, o the mean weight of all
     other cells. D and I follow by least squares. Only for photos that want all other cells alike.
@@ -116,7 +117,7 @@ def map_direct_shares(samples: Sequence[LightSample], grid: tuple[int, int]) -> 
 
 def fit_fingerprints(sample: LightSample, grid: tuple[int, int]) -> Iterator[PlacementFit]:
     """How the fine detail of one photo fits panels that are mirrored or turned; (N,) cells on
-    `grid`. Nothing where its codes or its light do not tell."""
+    `grid`. Yields nothing where codes or light have too little detail."""
     block = _block(grid, len(sample.realised.left))
     cells = np.arange(grid[0] * grid[1]).reshape(grid)[block]
     here = cells.ravel()
@@ -132,7 +133,7 @@ def fit_fingerprints(sample: LightSample, grid: tuple[int, int]) -> Iterator[Pla
     def fine(weights: Floats) -> Floats:
         return _high(weights.reshape(cells.shape) / level)
 
-    # What is there also where panels lie as believed: codes that open cells unequally, or keep
+    # Detail that is there also where panels lie as believed: codes open cells unequally, or keep
     # direct light of some.
     base = [fine(realised.coaxial[here]), fine(opened[here])]
     even = _find_evenly_lit(realised, grid)
@@ -213,7 +214,7 @@ def _block(grid: tuple[int, int], rows: int) -> tuple[slice, slice]:
 def _detail(
     light: Floats, reference: Floats | None, grid: tuple[int, int]
 ) -> tuple[Floats, Bools] | None:
-    """What light changes from cell to cell, over its level, (rows, cols); and the cells that tell.
+    """Relative change of light from cell to cell, (rows, cols); and the cells where it is known.
 
     Relative to the reference where there is one, else to the mean of the cells around.
     """
@@ -249,7 +250,7 @@ def _low(image: Floats, side: int) -> Floats:
 
 
 def _fit(name: str, seen: Floats, shown: Floats, base: Floats) -> Iterator[PlacementFit]:
-    """Least-squares share of `shown` in `seen`, (M,) each, beside what `base` (M, B) explains."""
+    """Least-squares share of `shown` in `seen`, (M,) each, after fitting `base` (M, B) to both."""
     if base.size:
         both = np.stack([seen, shown], axis=1)
         seen, shown = (both - base @ np.linalg.lstsq(base, both, rcond=None)[0]).T

@@ -1,4 +1,4 @@
-"""What the verdict says of single shots: their light, the room's, and how panels kept time."""
+"""The verdict on single shots: their light, the room's, and whether panels kept time."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from pdcd.verdict.causes import Cause, VerdictFinding, judge
 from pdcd.verdict.evidence import Evidence, list_evenly
 
 _NO_WEIGHT = 1e-9
-"""Light that is none."""
+"""Light below which it counts as none."""
 _SURE = 3.0
-"""Standard deviations of the noise of a cell's mean that light has at least."""
+"""Least light of a lit cell, in standard deviations of the noise of its mean."""
 _LEAKS, _LEAST_INK = 2.0, 0.02
-"""Times the light that panels' black lets through, before bright places, that a dark cell has at
-most; and the share of bright light that anything black reflects."""
+"""Most light of a dark cell: this multiple of what the panels' black lets through of bright light,
+or the share of bright light that anything black reflects."""
 _LONG, _MOST_OF_LINE = 6, 0.5
-"""Cells of a line, at least, and the share of it that is known and dark, all of which a panel may
-not show: few cells in a row may be black by themselves."""
+"""Least length of a line of cells, and the share of it that must be dark, for a panel not to have
+shown it: a few cells in a row may be black by themselves."""
 _BRIGHT = 95.0
-"""Percentile of the field's light that is that of bright places."""
+"""Percentile of the field's light that stands for bright places."""
 
 
 def judge_shots(seen: Evidence) -> Iterator[VerdictFinding]:
-    """All that is said of the shots which the answer is made of."""
+    """All findings on the shots that the answer is made of."""
     shares = {name: _saturated_share(seen, name) for name in seen.names}
     if shares:
         worst = max(shares, key=lambda name: shares[name])
@@ -47,7 +47,7 @@ def judge_shots(seen: Evidence) -> Iterator[VerdictFinding]:
 
 
 def _saturated_share(seen: Evidence, name: str) -> float:
-    """Of the quads of the field in a shot; dead ones are none."""
+    """Share of the quads of the field that a shot has saturated; dead ones do not count."""
     where = seen.cells.known if seen.decoded.dead is None else seen.cells.known & ~seen.decoded.dead
     saturated = int(np.count_nonzero(seen.decoded.shots[name].saturated & where))
     return saturated / max(int(np.count_nonzero(seen.cells.known)), 1)
@@ -78,7 +78,7 @@ def judge_light(shot: str, light: Floats, variance: Floats) -> list[VerdictFindi
         times = mean / error
     if found := judge(Cause.NO_LIGHT, times, shot=shot):
         return found
-    # What is left of the square when the noise's share is taken off; never less than the mean's.
+    # The mean square without the part of the noise; never less than the square of the mean.
     power = max(float(np.mean(grey**2) - noise.mean()), mean**2)
     return judge(Cause.UNDER_EXPOSED, float(np.sqrt(noise.mean() / power)), shot=shot)
 
@@ -92,8 +92,8 @@ def judge_light_outside(shot: str, inside: Floats, outside: Floats) -> list[Verd
 
 
 def _judge_room_light(seen: Evidence) -> Iterator[VerdictFinding]:
-    """The worst of the shots with a black projector, against bright places of the white photo;
-    where there is none, against the shot which it belongs to."""
+    """The worst of the shots with a black projector, compared with bright places of the white
+    photo; where there is none, with the lit shot that it belongs to."""
     shots, thin = seen.decoded.shots, seen.thin
     white, found = _white_rate(seen), []
     for name in seen.names:
@@ -106,7 +106,7 @@ def _judge_room_light(seen: Evidence) -> Iterator[VerdictFinding]:
         share = _over(stray, bright)
         if white is not None:
             rate = _over(stray, float(black.open_s.mean()))
-            share = rate / max(white - rate, _NO_WEIGHT)  # the white photo holds the room's, too
+            share = rate / max(white - rate, _NO_WEIGHT)  # the white photo has the room's, too
         found.append((share, name))
     if found:
         share, name = max(found)
@@ -129,8 +129,8 @@ def _white_rate(seen: Evidence) -> float | None:
 
 
 def find_dark_cells(seen: Evidence) -> tuple[Bools, Bools]:
-    """Cells that have no light in the white picture, by what of it is looked at, and those of which
-    anything is known, (N,) each: nothing above its noise, or no more than what black lets through.
+    """Cells that have no light in the white picture, by its sampled pixels, and those of which any
+    is known, (N,) each. No light: nothing above its noise, or no more than what black lets through.
     """
     thin, white = seen.thin, seen.pictures["white"]
     light = thin.pick(white.image).mean(axis=1)
@@ -149,8 +149,8 @@ def find_dark_cells(seen: Evidence) -> tuple[Bools, Bools]:
 
 
 def judge_dark_cells(found: tuple[Bools, Bools], grid: tuple[int, int]) -> list[VerdictFinding]:
-    """What is said of `find_dark_cells`. Whole rows or columns between lit ones are no thing: what
-    is black has an outline, and a panel lines."""
+    """The finding on `find_dark_cells`. Whole dark rows or columns between lit ones are the fault
+    of a panel: a black thing has an outline."""
     dark, known = found
     number = int(np.count_nonzero(dark))
     share = number / max(int(np.count_nonzero(known)), 1)
@@ -169,12 +169,12 @@ def judge_dark_cells(found: tuple[Bools, Bools], grid: tuple[int, int]) -> list[
 
 
 def _over(one: float, other: float) -> float:
-    """What one is of the other; 0 of what is not there."""
+    """`one` over `other`; 0 where `other` is none."""
     return one / other if other > 0.0 else 0.0
 
 
 def judge_refreshes(shots: Sequence[ShotRecord]) -> Iterator[VerdictFinding]:
-    """Whether panels showed what they were to show, while the shutter was open."""
+    """Whether panels showed what they were to show while the shutter was open."""
     unequal = [s for s in shots if s.level is None]
     missed = sum(s.missed for s in unequal)
     yield from judge(Cause.MISSED, len(unequal), shots=_list_first(unequal), missed=missed)
@@ -189,8 +189,8 @@ def judge_refreshes(shots: Sequence[ShotRecord]) -> Iterator[VerdictFinding]:
 def judge_exposure_times(
     shots: Sequence[ShotRecord], told_s: Mapping[str, float]
 ) -> list[VerdictFinding]:
-    """Whether planned, logged and the camera's own exposure agree; `told_s` is the camera's, by
-    shot, 0 where its file says nothing."""
+    """Whether the planned exposure, the logged one and the camera's own agree; `told_s` is the
+    camera's, by shot, 0 where its file does not say."""
     found = []
     for shot in shots:
         open_s = shot.open_s
@@ -203,8 +203,8 @@ def judge_exposure_times(
 
 
 def judge_levels(exif: Mapping[str, object], profile: SensorProfile) -> list[VerdictFinding]:
-    """Whether the numbers of a photo go as far as its sensor's profile has it; `exif` is what the
-    file says of itself."""
+    """Whether the numbers of a photo span the range of its sensor's profile; `exif` is what the
+    file says about itself."""
     black, white = exif.get("black_dn"), exif.get("white_dn")
     if not isinstance(black, list) or not isinstance(white, float):
         return []
