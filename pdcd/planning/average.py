@@ -1,9 +1,9 @@
-"""More light against the noise of ambient light: how often everything is shown, and by what codes.
+"""More exposures against the noise of ambient light: how often everything is shown, by which codes.
 
-Black exposures take ambient light off a photo, but its shot noise stays, and that of the black
-exposures comes to it. The light fills the sensor, so that longer exposures would not help: more of
-them do. Where codes are all that an answer is made of, they become more parts, each with codes of
-its own, which lowers the error of the codes as well and measures it. Else every shot is repeated.
+Black exposures subtract ambient light from a photo, but not its shot noise, and they add their own.
+The light fills the sensor, so that longer exposures would not help: more of them do. Where codes
+are all that an answer is made of, more exposures become more parts, each with codes of its own,
+which lowers the error of the codes as well and measures it. Else every shot is repeated.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from pdcd.recipes.recipe import Combination, Extremes, RecipePhoto
 from pdcd.watch import Watch
 
 NOISE = 0.018
-"""RMS noise, over the RMS of the picture, that a plain capture bears of ambient light. With the
+"""RMS noise of ambient light, over the RMS of the picture, that a plain capture accepts. With the
 error of the codes themselves, 0.8 % at most where nothing disturbs them, it makes 2 %."""
 MOST_EXPOSURES = 112
 """Most exposures of codes, black ones not counted: 7 parts sixteen times, for a quarter of the
-noise. Who wants less should rather see to the light."""
+noise. To get below that, darken the room."""
 _MEMORY_SHARE = 0.5
-"""Share of the memory limit that all photos may need for what is kept of each: the rest is left for
-making pictures of them."""
+"""Share of the memory limit that may be used for what is kept of all photos: the rest is for making
+pictures of them."""
 MOST_S = 600.0
-"""Most seconds that this adds, files included: nobody who asked for nothing waits longer."""
+"""Most seconds that this adds, files included, as nobody asked for it."""
 
 
 def predict_plan_noise(
@@ -48,8 +48,8 @@ def predict_plan_noise(
     """RMS noise of a whole plan, over the RMS of its answer.
 
     variances : of each photo, as `pdcd.pictures.leaks.predict_photo_variances` has them for the
-    shots `names` of the plan `taken`, which is this one or that before it. They fall with the
-    refreshes.
+    shots `names` of the plan `taken`, which is this one or one before it. They fall in proportion
+    to refreshes.
     """
     there, total = frozenset(names), 0.0
     photos = {photo.name: photo for photo in plan.recipe.photos}
@@ -69,10 +69,10 @@ def extend_for_noise(
     camera: CameraInfo | None,
     watch: Watch,
 ) -> tuple[Plan, str, bool]:
-    """The same plan with everything shown as often as its `noise` calls for, as far as time and
-    memory go; what was decided, in words, nothing where it is quiet enough; and whether it is now.
+    """The plan with everything shown as often as its `noise` calls for, as far as time and memory
+    go; the decision in words, "" where no more is needed; and whether the plan is quiet enough now.
 
-    Codes that the plan has in parts stay, others come to them.
+    Codes that the plan has in parts stay; more parts are added.
     """
     wanted = max(1, math.ceil((noise / NOISE) ** 2))
     if wanted == 1:
@@ -94,7 +94,7 @@ def extend_for_noise(
 
 
 def _rule(plan: Plan) -> Combination:
-    """Photos of the answer, which is a sum of them wherever there is a noise of them."""
+    """Photos of the answer, which is a sum of them wherever the noise is known."""
     rule = plan.recipe.answer
     return () if isinstance(rule, Extremes) else rule
 
@@ -112,7 +112,7 @@ def _refreshes(plan: Plan, photo: RecipePhoto, names: frozenset[str] | None) -> 
 
 
 def _once_s(plan: Plan, config: Config, camera: CameraInfo | None) -> float:
-    """Seconds that everything takes once more, with its files."""
+    """Seconds that it takes to show everything once more, files included."""
     names = {name for _, name in _rule(plan)}
     own = {name for photo in plan.recipe.photos if photo.name in names for _, name in photo.shots}
     file_s = readout_s(config, camera) + config.trigger.lag_s
@@ -120,7 +120,7 @@ def _once_s(plan: Plan, config: Config, camera: CameraInfo | None) -> float:
 
 
 def _shown(plan: Plan, times: int, request: CaptureRequest, config: Config, watch: Watch) -> Plan:
-    """A plan with everything shown so often. Raises RequestError where memory does not hold it."""
+    """A plan with everything shown so many `times`. Raises RequestError for too little memory."""
     how = plan.how
     # Photos that are not of codes, as the white one of direct light, have no parts.
     split = len(_rule(plan)) == 1 and times * how.parts >= FEWEST_PARTS

@@ -1,5 +1,5 @@
-"""What a plan makes of its bench: which window its codes need, how small cells may be, which of
-them have no pixels, which plane depths are told from, and why, in a line each."""
+"""How a plan fits its bench: which window its codes need, how small cells may be, which cells have
+no pixels, which plane depths are measured from, and why, in a line each."""
 
 from __future__ import annotations
 
@@ -36,13 +36,12 @@ from pdcd.recipes.recipe import Recipe
 from pdcd.words import ScheduleName
 
 _WHOLE_CELL_LIMIT = 0.001
-"""Misregistration in cells up to which whole cells are worth more than quarter windows: they let
-about that share of the direct light into an indirect photo, whose own light is often ten times
-weaker."""
+"""Misregistration in cells up to which whole cells are better than quarter windows: they let about
+that share of the direct light into an indirect photo, whose own light is often ten times weaker."""
 
 
 _MOST_APART = 0.05
-"""Share of the field in which both panels may draw different cells of a whole window: as much was
+"""Share of the field in which both panels may draw different cells with whole windows: so much was
 measured (decision 0069)."""
 
 
@@ -57,7 +56,7 @@ def scale_errors_to_cells(config: Config, cell_px: float) -> tuple[float, float]
 
 
 def choose_window(asked: str, misregistration_cells: float, blur_cells: float = 0.0) -> str:
-    """What "auto" means on a rig with that misregistration and blur, or what was asked for.
+    """The window that "auto" gives with that misregistration and blur, or the one asked for.
 
     Raises ConfigError when the window cannot cover the misregistration.
     """
@@ -78,16 +77,16 @@ def choose_window(asked: str, misregistration_cells: float, blur_cells: float = 
 
 
 MOST_LEAK = 0.005
-"""Share of the direct light that cells of "auto" let into an indirect photo at most."""
+"""Share of the direct light that "auto" cells let into an indirect photo at most."""
 _LEAST_CELL_PX, _LEAST_MASK_PX = 2.0, 4.0
-"""Pixels of projector and mask that a cell has at least."""
+"""Least pixels of projector and mask along a cell."""
 MOST_AUTO_CELLS = 256 * 192
-"""Cells of "auto" at most: more take long to plan and decode, and few scenes have such detail."""
+"""Most "auto" cells: more take long to plan and decode, and few scenes have such detail."""
 
 
 def with_grid(config: Config) -> Config:
-    """The configuration with "auto" cells worked out: half windows then keep what leaks below
-    `MOST_LEAK`. Where nothing was measured, the scene's cells or the usual ones are taken."""
+    """The configuration with "auto" cells worked out: as small as half windows allow that leak less
+    than `MOST_LEAK`. Where nothing was measured, the scene's cells or the usual ones are taken."""
     if config.schedule.grid != "auto":
         return config
     schedule = msgspec.structs.replace(config.schedule, grid=_auto_grid(config))
@@ -95,7 +94,7 @@ def with_grid(config: Config) -> Config:
 
 
 def find_meeting(config: Config) -> MaskAlignment | None:
-    """How light and mask meet; None where nobody measured it."""
+    """How light and mask meet; None where it was not measured."""
     e95_px, blur_px = config.rig.misregistration_px, config.mask.blur_px
     if e95_px == 0.0 and blur_px == 0.0:
         return None
@@ -106,14 +105,15 @@ def find_meeting(config: Config) -> MaskAlignment | None:
 def choose_grid_window(
     asked: str, config: Config, grid: tuple[int, int], *, taken_out: bool = False
 ) -> str:
-    """Window of cells of a grid: as asked for; or whole cells where nothing gets from one to the
-    next, else the quarter. `taken_out`: what gets through along borders that the panels' pixels
-    draw in two places is photographed and taken out; whole cells then may have such borders, up to
+    """Window of cells of a grid: as asked for; or whole cells where no light gets from one to the
+    next, else the quarter. `taken_out`: light through borders that the panels' pixels draw in two
+    places is photographed and subtracted; whole cells then may have such borders, up to
     `_MOST_APART` of the field.
 
-    Larger windows are for who asks for them (`find_larger_window` tells which fits). They need a
-    mask whose pixels end where they end: one more or less is light that nobody counts, and where in
-    a cell a quad was open how often, nobody knows better than the camera's map. Raises ConfigError.
+    Larger windows must be asked for (`find_larger_window` tells which fits). They need a mask whose
+    pixels end where the windows end: one pixel more or less is light that is not counted, and for
+    how long each place in a cell was open is known no better than the camera's map. Raises
+    ConfigError.
     """
     width_px, height_px = config.projector.field_size_px
     cell_px = min(width_px / grid[1], height_px / grid[0])
@@ -121,7 +121,7 @@ def choose_grid_window(
     panels = panels_of(config)
     if asked == "auto":
         apart_px = _apart_px(config.projector, config.mask, grid)
-        # Of a mask whose place was measured, and not its blur, nobody knows what that lets by.
+        # If the place of the mask was measured, and not its blur, this light is unknown.
         unknown = config.mask.place.map is not None and find_meeting(config) is None
         taken_out = taken_out and not unknown
         if apart_px and not (
@@ -142,14 +142,14 @@ def choose_grid_window(
 
 @lru_cache(maxsize=8)
 def _apart_px(projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]) -> float:
-    """`cell_mismatch_px` of the panels of a bench; a search for a plan asks for it often."""
+    """`cell_mismatch_px` of the panels of a bench; cached for the search of a plan."""
     panels = place_panels(projector, mask)
     return cell_mismatch_px(panels.projector, panels.mask, grid, projector.field_size_px)
 
 
 def find_larger_window(config: Config, grid: tuple[int, int]) -> str | None:
-    """The largest window beyond the quarter that keeps off other cells' light, as measured, and
-    whose edges the mask's pixels have; None where none does, or nobody measured."""
+    """The largest window beyond the quarter that keeps other cells' light out, as measured, and
+    whose edges lie on those of the mask's pixels; None where none does, or nothing was measured."""
     meeting = find_meeting(config)
     if meeting is None:
         return None
@@ -174,7 +174,7 @@ def explain_bench_fit(
     schedule: ScheduleName,
     mask_lag_s: float | None,
 ) -> tuple[str, ...]:
-    """Why cells, window and schedule are what they are; nothing on a bench that nobody measured."""
+    """Why cells, window and schedule are what they are; nothing if the bench was not measured."""
     told = [*_field_reasons(config, grid), *_blind_reasons(config, grid)]
     meeting = find_meeting(config)
     if meeting is not None:
@@ -208,7 +208,7 @@ def explain_bench_fit(
 
 
 def _border_reasons(config: Config, grid: tuple[int, int], window: str) -> Iterator[str]:
-    """What follows from cells that do not end with the pixels of both panels."""
+    """Lines about cells that do not end with the pixels of both panels."""
     panels = panels_of(config)
     apart = compute_cell_mismatch_share(panels.projector, panels.mask, grid)
     if apart <= _WHOLE_CELL_LIMIT:
@@ -228,8 +228,8 @@ def _border_reasons(config: Config, grid: tuple[int, int], window: str) -> Itera
 
 
 def explain_wandering_light(recipe: Recipe, window: str) -> Iterator[str]:
-    """What small windows do with light that wanders within a cell, where photos are told apart by
-    codes (decision 0055)."""
+    """What small windows do with light that wanders within a cell, where codes separate photos
+    (decision 0055)."""
     if window != "whole" and any(is_windowed(program) for program in recipe.programs.values()):
         yield (
             f"window {window}: of light that wanders half a cell or more within its own cell, a "
@@ -284,8 +284,8 @@ def resolve_window(request: CaptureRequest, config: Config, grid: tuple[int, int
 
 
 def _takes_out(request: CaptureRequest) -> bool:
-    """Whether the direct light along borders is taken out of the photo that is asked for: of all
-    indirect light, beside a white one."""
+    """Whether direct light along borders is subtracted from the photo that is asked for: one of all
+    indirect light, with a white photo."""
     own = request.shift is None and request.warp is None
     return request.goal in ("indirect", "direct") and request.white is not False and own
 
@@ -310,7 +310,7 @@ def add_bench_plane(request: CaptureRequest, config: Config) -> CaptureRequest:
 
 
 def explain_depth_codes(recipe: Recipe, codes: int, window: str) -> Iterator[str]:
-    """Why the codes of depths are what they are, a line for each kind; `codes` of a part."""
+    """Why the codes for depths are what they are, a line for each kind; `codes` of a part."""
     rows, columns = recipe.target.grid
     programs = {type(program): program for program in recipe.programs.values()}
     if KeyedProgram in programs:
@@ -330,7 +330,7 @@ def explain_depth_codes(recipe: Recipe, codes: int, window: str) -> Iterator[str
 
 
 def _field_reasons(config: Config, grid: tuple[int, int]) -> Iterator[str]:
-    """Where the field lies in the projector's picture; nothing where nobody measured it."""
+    """Where the field lies in the projector's picture; nothing where it was not measured."""
     if config.projector.field_px is None:
         return
     (left, top, wide, high), (width, height) = config.projector.field_px, config.projector.size_px
@@ -356,8 +356,8 @@ def _blind_reasons(config: Config, grid: tuple[int, int]) -> Iterator[str]:
 
 
 def _refuse_blind(config: Config, grid: tuple[int, int]) -> None:
-    """Raise ConfigError for cells that the panels cannot show, or none of which has pixels on both:
-    before any light, and not when a display is to show them."""
+    """Raise ConfigError for cells that the panels cannot show, or none of which has pixels on both.
+    This is checked before any light, not only when a display is to show them."""
     panels = panels_of(config)
     for view in (panels.projector, panels.mask):
         check_cells(view, grid)

@@ -1,15 +1,15 @@
-"""A photo of the direct light that gets through along the borders of whole cells, and of nothing
-else as far as panels can.
+"""A photo of the direct light that gets through along the borders of whole cells, and as far as
+panels allow of nothing else.
 
 Where both panels draw the border of a cell in two places, the light of one cell goes through the
-mask of the next one (`pdcd.probing.borders`). Here the projector lights the pixels alone that lie
-beside borders, and the mask opens those across, for one cell out of sixteen at a time: what a pixel
-of the one shares with a pixel of the other is a strip then, wherever both panels really lie. So
-each quad tells how bright its strips are, with all detail that they have.
+mask of the next one (`pdcd.probing.borders`). Here the projector lights only the pixels beside
+borders, and the mask opens those on the other side, for one cell out of sixteen at a time. A lit
+pixel then overlaps an open one only in a strip, wherever both panels really lie. So each quad
+measures how bright its strips are, with all the detail that they have.
 
 Indirect light gets in, too, most of it from near. As much of it gets into a second photo, for which
-the projector lights the pixels next to those, which share no place with open ones. In a third one
-the projector is black: it tells how much of the second is indirect light.
+the projector lights the pixels next to those, which do not overlap with open ones. In a third photo
+the projector is black: it shows how much of the second is indirect light.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ LIT, INNER, DARK = "look-borders", "look-borders-inner", "look-borders-dark"
 """The photos, as their RAW files are called."""
 
 BORDER_PHOTO_S = 0.2
-"""Time for which strips of each of sixteen kinds are shown, at most."""
+"""Longest time for which strips of each of sixteen kinds are shown."""
 _MARGIN_PX, _BLURRED = 0.25, 2.0
-"""Projector pixels by which a panel may lie elsewhere than it is believed to, at least; and how far
-what it shows is spread, over its blur."""
+"""Least distance, in projector pixels, by which a panel may lie elsewhere than believed; and how
+far what it shows is spread, over its blur."""
 _MOST_REACH = 1.0 / 3.0
-"""Of a cell: pixels next to those beside a border lie beside the border across from there, else."""
+"""Largest reach in cells: beyond it, pixels next to those beside a border lie at the next one."""
 _SHORTER = 3
-"""How much shorter the other two are: there is little in them that noise could matter to."""
+"""How much shorter the other two photos are: they have so little light that noise is no matter."""
 
 
 def is_border_photo_needed(plan: Plan, config: Config) -> bool:
-    """Whether a plan takes a photo of indirect light through whole cells that do not meet, beside a
-    white one."""
+    """Whether a plan takes a photo of indirect light through whole cells whose borders do not
+    coincide, and a white one."""
     shots = {shot.name: shot for shot in plan.recipe.shots}
     through = (
         shots[name]
@@ -91,8 +91,8 @@ class BorderFrames:
 
     @classmethod
     def of(cls, plan: Plan, config: Config, widest: float) -> BorderFrames:
-        """Those of a plan. At the aperture of the white shot the brightest quad gets no more light
-        than there, of which strips take the share `widest`."""
+        """The frames of a plan. At the aperture of the white shot the brightest quad, of which
+        strips take the share `widest`, gets no more light than in that shot."""
         panels = panels_of(config)
         pixels = find_border_pixels(panels.projector, panels.mask, plan.grid, _margin_px(config))
         pause = max(2, math.ceil(plan.settle_s * plan.row_hz))

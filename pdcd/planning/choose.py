@@ -2,9 +2,9 @@
 
 Candidates are numbers of codes on a ladder, each shown in up to `MOST_REPEATS` exposures: with
 codes of their own where those are enough for parts, which measure their error, else with the same
-ones again. What each will err by is known by formulas (`pdcd.planning.predict`) before any codes
-are made. The wanted error is met in the shortest time, files included; a given time is spent on the
-smallest error. All else is as of a request that names its codes.
+ones again. Formulas predict the error of each (`pdcd.planning.predict`) before any codes are made.
+A wanted error is met in the shortest time, files included; a given time is used for the smallest
+error. All else is as for a request that names its codes.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ from pdcd.virtual.scene.scene import Scene
 from pdcd.watch import Watch
 
 _CONFIDENCE = 0.95
-"""With which probability a wanted error is kept unless the request says otherwise."""
+"""Probability with which a wanted error is kept, unless the request names one."""
 _SPLIT = ("indirect", "fraction")
 """Goals whose answers are all of codes, so that parts lower all of their noise."""
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """One way to spend light: codes of each exposure, exposures, and whether each has codes of its
-    own; its error; seconds of all exposures, and files."""
+    """One way to spend light: codes of each exposure, number of exposures, whether each has codes
+    of its own; the predicted error; seconds of all exposures, and number of files."""
 
     count: int
     exposures: int
@@ -82,22 +82,22 @@ def choose_plan(
     given: Given = NO_ARRAYS,
     watch: Watch | None = None,
 ) -> Plan:
-    """The plan that a request with a wanted error or a time comes to, its prediction included.
+    """The plan for a request with a wanted error or a time, with its prediction.
 
     Parameters
     ----------
     request : one for which `is_search_needed` holds.
     setting : the rig.
     grid : rows and columns of cells.
-    scene : what stands in front of the rig, where that is known; `request.prior` goes before it.
+    scene : what stands in front of the rig, where that is known; `request.prior` has precedence.
     given : the request's arrays.
-    watch : hears of the codes that are made, and may end the work.
+    watch : gets the progress of making codes, and may end the work.
 
     Raises
     ------
     RequestError
-        The error cannot be had within the limits, the time is too short for any plan, or the goal
-        is one that no formula tells the error of.
+        The error cannot be reached within the limits, the time is too short for any plan, or no
+        formula predicts the error of the goal.
     """
     elsewhere = request.shift is not None or request.warp is not None
     if request.goal not in PREDICTED_GOALS or elsewhere:
@@ -117,7 +117,7 @@ def choose_plan(
 
 
 class _Search:
-    """One look at all candidates."""
+    """One search through all candidates."""
 
     def __init__(
         self,
@@ -137,7 +137,7 @@ class _Search:
         self.family, _ = find_code_family(request)
 
     def run(self) -> Plan:
-        """The best plan, with what is foreseen of it. Raises RequestError when none will do."""
+        """The best plan, with its prediction. Raises RequestError when none will do."""
         self.watch.stage = "codes"
         found = list(self._candidates())
         most = self.request.seconds
@@ -192,7 +192,7 @@ class _Search:
                 yield _Candidate(count, exposures, split, predicted, seconds, files)
 
     def _ways(self, count: int) -> Iterator[tuple[int, bool]]:
-        """In how many exposures so many codes may be shown, and whether each has its own."""
+        """In how many exposures that many codes may be shown, and whether each has its own."""
         named = count_parts(self.request)
         if named > 1:
             yield named, True
@@ -200,7 +200,7 @@ class _Search:
         own = self.request.goal in _SPLIT and can_split_codes(self.family, count)
         for exposures in range(1, MOST_REPEATS + 1):
             split = own and exposures >= FEWEST_PARTS
-            if split or self.request.until_error is None:  # which parts alone tell
+            if split or self.request.until_error is None:  # only parts measure their error
                 yield exposures, split
 
     def _best_first(self, found: Sequence[_Candidate]) -> list[_Candidate]:
@@ -215,7 +215,7 @@ class _Search:
         return sorted(fits, key=lambda one: (one.predicted.error, one.files))
 
     def _made(self, codes: int, parts: int = 1) -> Plan:
-        """A plan of so many codes, each part in one exposure. Raises RequestError where the rig
+        """A plan of that many codes, each part in one exposure. Raises RequestError where the rig
         does not allow it."""
         asked = msgspec.structs.replace(
             self.request,
@@ -233,7 +233,7 @@ class _Search:
         return make_plan(asked, config, self.grid, lag_s, self.arrays, self.watch)
 
     def _told(self, plan: Plan, one: _Candidate) -> Plan:
-        """A plan that follows the prior, with what is foreseen of it."""
+        """A plan that follows the prior, with its prediction."""
         if self.prior is not None and can_be_guided(plan):
             plan = follow_prior(plan, self.prior, self.request.seed)
         predicted = one.predicted
@@ -277,7 +277,7 @@ class _Search:
 
 @dataclass(frozen=True)
 class _Draft:
-    """What plans with any number of codes cost, by that of a plan of `count` of them."""
+    """What plans with any number of codes cost, scaled from a plan of `count` of them."""
 
     plan: Plan
     count: int

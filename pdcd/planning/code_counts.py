@@ -1,5 +1,6 @@
-"""How many codes a photo has: what is tried for a wanted error or time, and of which family; and as
-many as keep photos of any p equally bright, K in proportion to 1 / p (Fig. 8)."""
+"""How many codes a photo has: the numbers that are tried for a wanted error or time, with their
+family; and the number that keeps photos of any p equally bright, K in proportion to 1 / p (Fig. 8).
+"""
 
 from __future__ import annotations
 
@@ -16,14 +17,14 @@ LADDER = tuple(sorted(k * 2**n for k in (8, 12) for n in range(10)))
 """Numbers of codes that are tried, each a Hadamard order: 8, 12, 16, 24 ... 6144."""
 
 MOST_REPEATS = 64
-"""Exposures of one photo beyond which RAW files pile up for little."""
+"""Most exposures of one photo: more RAW files gain little."""
 
 _MOST_PARTS = 1000
 """Largest denominator of a share p of lit cells that balanced codes are fitted to."""
 
 
 def find_code_family(request: CaptureRequest) -> tuple[FamilyName, int]:
-    """The code family, and what its number of codes must be a multiple of."""
+    """The code family, and the number that its number of codes must be a multiple of."""
     p = request.p
     family: FamilyName = "hadamard" if p is None or p == 0.5 else "balanced"
     family = request.family or family
@@ -34,13 +35,13 @@ def find_code_family(request: CaptureRequest) -> tuple[FamilyName, int]:
 
 
 def count_parts(request: CaptureRequest) -> int:
-    """In how many parts a request wants its codes."""
+    """The number of parts that a request asks for."""
     return request.parts if isinstance(request.parts, int) else 1
 
 
 def list_code_counts(request: CaptureRequest) -> Iterator[int]:
-    """Numbers of codes of one exposure that the family can have, each once, few first: those of the
-    ladder, or the next multiples of what it needs."""
+    """Numbers of codes of one exposure that the family can have, each once, ascending: those of the
+    ladder, rounded up to multiples of what the family needs."""
     family, step = find_code_family(request)
     for count in dict.fromkeys(-(-rung // step) * step for rung in LADDER):
         if family != "hadamard" or can_make_hadamard_codes(count, request.p or 0.5):
@@ -48,14 +49,14 @@ def list_code_counts(request: CaptureRequest) -> Iterator[int]:
 
 
 _NEAR = 0.25
-"""How far from the number that the rule gives another one is looked for, over that number."""
+"""How far from the number by the rule others are tried, over that number."""
 
 
 def scale_code_count(codes: int, request: CaptureRequest) -> int:
     """Codes in which matched cells are lit as often as in `codes` at p = 1/2: ``codes / (2 p)``.
 
     The nearest number is taken for which cells can be lit in exactly a share p of the codes, if
-    there is one near. Raises RequestError for a goal in which p does not keep matched light.
+    there is one near. Raises RequestError for goals in which p does not scale other light.
     """
     if request.p is None or request.goal not in ("fraction", "off-diagonal"):
         raise RequestError(

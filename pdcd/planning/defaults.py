@@ -1,12 +1,12 @@
 """What a request leaves to the program: a look for sharp paths, and in how many exposures its codes
 are shown.
 
-A few of the codes, photographed one by one, tell whether there are mirrors; where there are, a
-pilot's paths guide the codes. Four parts or more measure the error of the codes by their spread,
-and each of them fills the sensor anew, so that the same codes in the same time leave less noise.
-Both cost RAW files. So a request that names neither gets them where a file costs little beside the
-exposure, however many codes it names and of which family: only a pilot of 0, or 1 part, goes
-without.
+A few of the codes, photographed one by one, show whether there are mirrors; if so, a pilot's paths
+guide the codes. Four parts or more measure the error of the codes by their spread. Each of them
+fills the sensor anew, so that the same codes in the same time leave less noise. Both cost RAW
+files. So a request that names neither gets them where a file costs little compared with the
+exposure, however many codes it names and of which family; a pilot of 0, or 1 part, switches them
+off.
 """
 
 from __future__ import annotations
@@ -40,39 +40,39 @@ _SPENT = (
     "until_error", "repeat", "error", "confidence", "seconds", "prior", "exposure_s", "method",
     "equal_brightness", "codes_from",
 )  # fmt: skip
-"""Fields of which any one says how exposures are to be spent: such a request gets what it names."""
+"""Fields of which any one decides how exposures are spent: such a request gets what it names."""
 _NAMED = (*_SPENT, "codes", "family", "pilot", "parts", "smooth")
-"""The same of what is shown in all: a request that names none of these may get more light."""
+"""Fields that decide what is shown in all: a request with none of these may get more light."""
 _CHOSEN = ("codes", "codes_from", "exposure_s", "pilot", "repeat", "equal_brightness")
-"""Fields that follow from the error or the time and are not to be given beside it."""
+"""Fields that follow from the error or the time and cannot be given together with it."""
 _FAR_LEFT = 0.75
-"""Weight of far light that codes of four parts must leave, over that of one exposure: cells are lit
-in one code of each part at the least, which for a large radius is too often."""
+"""Least weight of far light with codes in four parts, over that in one exposure: cells are lit in
+at least one code of each part, which for a large radius is too often."""
 _FAMILIES: tuple[FamilyName, ...] = ("hadamard", "balanced", "bernoulli", "rademacher")
 """Families whose codes may be split so: any two cells meet equally often."""
 _PARTS = (8, 7, 6, 5, 4)
-"""Numbers of parts that are tried, the better ones first. More of them measure no better, and leave
-each with fewer codes."""
+"""Numbers of parts that are tried, the better ones first. More parts measure no better, and have
+fewer codes each."""
 _FEWEST_CODES = 16
-"""Codes that a part has at least."""
+"""Least number of codes of a part."""
 _LEFT_OUT = 8
-"""Of so many codes one may be left out for the others to be split evenly."""
+"""Of so many codes one may be left out, so that the others can be split evenly."""
 _LITTLE = 0.25
-"""Time that the files of all further parts may take, over the exposure of the codes."""
+"""Most time for the files of all further parts, over the exposure of the codes."""
 _LOOK = 1.0
-"""The same of the first photos of a pilot: what they may find is worth more than noise."""
+"""The same for the first photos of a pilot: what they may find is worth more than less noise."""
 _FEWEST = 64
-"""Codes of which four are spent on a look: of fewer, the others would miss them."""
+"""Least number of codes of which four are spent on a look: with fewer, those four are missed."""
 _READOUT_S = 3.0
-"""What a RAW file is taken to cost before a camera of which nothing is known yet."""
+"""Seconds that a RAW file is taken to cost where nothing is known of the camera yet."""
 
 
 @dataclass(frozen=True)
 class Defaults:
-    """A request with its pilot and its parts, and why they are so, a line each.
+    """A request with its pilot and its parts, and the reasons, a line each.
 
-    otherwise : what is done instead when the first photos of a pilot that nobody asked for see no
-        sharp paths; None where there is no such pilot.
+    otherwise : the request to follow instead when the first photos of a pilot that nobody asked for
+        show no sharp paths; None where there is no such pilot.
     """
 
     request: CaptureRequest
@@ -122,12 +122,12 @@ def is_search_needed(request: CaptureRequest) -> bool:
 
 
 def can_split_codes(family: FamilyName, count: int) -> bool:
-    """Whether parts of so many codes each measure the error of their codes."""
+    """Whether parts of so many codes measure the error of their codes."""
     return family in _FAMILIES and count >= _FEWEST_CODES
 
 
 def is_camera_needed(request: CaptureRequest) -> bool:
-    """Whether the plan of a request depends on what a RAW file costs."""
+    """Whether the plan of a request depends on the time that a RAW file costs."""
     return "auto" in (request.parts, request.pilot) or "auto" in _left_open(request)
 
 
@@ -146,8 +146,8 @@ def resolve_defaults(
 ) -> Defaults:
     """What a request leaves open, resolved.
 
-    `camera` is None where it was not asked yet. Raises RequestError where something is left to the
-    program that goes with nothing else that was asked for.
+    `camera` is None where it is not known yet. Raises RequestError where parts or a pilot are left
+    to the program together with something that excludes it.
     """
     pilot, parts = _left_open(request)
     bare = msgspec.structs.replace(
@@ -174,8 +174,8 @@ def resolve_defaults(
 
 
 def readout_s(config: Config, camera: CameraInfo | None) -> float:
-    """Seconds that a RAW file costs beside its exposure: as typed, as the camera was seen to take,
-    or as cameras usually do."""
+    """Seconds that a RAW file costs in addition to its exposure: as typed, as measured with this
+    camera, or as cameras usually take."""
     if config.camera.readout_s is not None:
         return config.camera.readout_s
     told = None if camera is None else camera.readout_s
@@ -192,17 +192,16 @@ def _left_open(request: CaptureRequest) -> tuple[int | str, int | str]:
 
 
 def _names_none(request: CaptureRequest, names: tuple[str, ...]) -> bool:
-    """Whether a request has none of these fields."""
+    """Whether a request names none of these fields."""
     usual = CaptureRequest(goal=request.goal)
     return all(getattr(request, name) == getattr(usual, name) for name in names)
 
 
 @dataclass(frozen=True)
 class _Costs:
-    """What codes are spent on: how many there are, of which family; seconds of their exposure, and
-    of one more RAW file beside its codes; in how many parts they may be shown; the radius that far
-    light comes from beyond, None where none is asked for; and the share of codes in which a cell is
-    lit, where that is chosen."""
+    """What decides on parts: the number of codes and their family; seconds of their exposure, and
+    of one more RAW file; numbers of parts to try; the radius beyond which far light is wanted, None
+    where none is asked for; and the share of codes in which a cell is lit, where that is chosen."""
 
     codes: int
     family: FamilyName
@@ -217,8 +216,8 @@ class _Costs:
     """Whether cells are matched with others than themselves."""
 
     def parts(self, codes: int) -> int:
-        """Most parts that so many codes can be shown in at little cost, each with enough of them;
-        1 where there are less than four."""
+        """Most parts in which so many codes can be shown at little cost, each with enough codes;
+        1 where that is less than four."""
         for parts in self.tried:
             cheap = (parts - 1) * self.file_s <= self.most_s
             if cheap and self.fits(codes, parts) and self.far_enough(codes, parts):
@@ -227,7 +226,7 @@ class _Costs:
 
     def split(self, codes: int) -> tuple[int, int]:
         """How many of so many codes are shown, and in how many parts: all of them, or a few less
-        where those cannot be shared out; all in 1 where no fewer can."""
+        where all cannot be split evenly; all in one part where no number can."""
         for count in range(codes, codes - codes // _LEFT_OUT - 1, -1):
             parts = self.parts(count)
             if parts > 1:
@@ -235,14 +234,14 @@ class _Costs:
         return codes, 1
 
     def fits(self, codes: int, parts: int) -> bool:
-        """Whether there are codes for so many parts."""
+        """Whether so many parts have enough codes of their own each."""
         each, rest = divmod(codes, parts)
         if rest or each < _FEWEST_CODES or self.family not in _FAMILIES:
             return False
         return self.whole(each)
 
     def whole(self, codes: int) -> bool:
-        """Whether there are so many codes: any number of far light alone."""
+        """Whether a set of so many codes exists: for far light alone any number does."""
         if self.far_alone:
             return True
         if self.p != 0.5:  # balanced codes
@@ -274,7 +273,7 @@ def _costs(
     window = "whole" if far_alone else resolve_window(request, config, grid)
     fields = Lattice(grid, window).fields
     slot_s = resolve_slot(request, config, mask_lag_s).slot_s
-    # Beside the file, each exposure waits on black before its codes and after them.
+    # Besides its file, each exposure has black before its codes and after them.
     more_s = 2.0 * config.rig.settle_s + config.trigger.lag_s
     return _Costs(
         codes=codes,
@@ -291,7 +290,7 @@ def _costs(
 
 def _far_weight(codes: int, radius: int) -> float:
     """Weight of far light in a photo of so many codes (`pdcd.recipes.programs.LongRangeProgram`),
-    with cells lit in the share of codes that comes nearest to the best (`pdcd.planning.pairs`)."""
+    if cells are lit in the share of codes nearest to the best one (`pdcd.planning.pairs`)."""
     p = LongRangeProgram(radius).p
     lit = max(1, round(p * codes)) / codes
     return float(lit * (1.0 - lit) ** round(1.0 / p - 1.0))
@@ -311,7 +310,7 @@ def _without_pilot(
 
 
 def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts: bool) -> Defaults:
-    """A short pilot, and what is done instead when its scouts see nothing."""
+    """A short pilot, and what is done instead when its scouts show nothing."""
     named = request.parts if isinstance(request.parts, int) else 1
     share = choose_pilot_count(costs.codes, by_map=True, parts=named)
     left, used = costs.codes - SCOUTS, costs.codes - share
@@ -338,7 +337,7 @@ def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts
 
 
 def _elsewhere(request: CaptureRequest) -> bool:
-    """Whether a goal that may keep each cell's own light keeps that of other cells instead."""
+    """Whether a goal that could keep each cell's own light keeps that of other cells instead."""
     matched = request.shift is not None or request.warp is not None
     return matched and request.goal in (*_GOALS, "fraction", "split")
 

@@ -1,8 +1,8 @@
 """From files that came with a request to its arrays: read, checked, and noted in the request.
 
-Who takes a request says where each file's content comes from: descriptors, text, or names below the
-operator's folder. All are read by the same rules, before any device or thread of the engine is
-bothered.
+Whoever takes a request says where each file's content comes from: descriptors, text, or names below
+the operator's folder. All are read by the same rules, before any device or thread of the engine is
+involved.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ from pdcd.recipes.arrays import Given, convert_rows, count_most_elements
 from pdcd.virtual.scene.matrix import read_transport
 
 KEPT_NUMBERS = 4096
-"""Numbers in rows that are kept as they came; more become an array at once, 8 bytes each."""
+"""Most numbers in rows that are kept as they came; more become an array at once, 8 bytes each."""
 
 
 @dataclass(frozen=True)
 class FileSource:
-    """Where the content of one file comes from, and what it is called; None: it has no name."""
+    """Where the content of one file comes from, and its name; None if it has none."""
 
     content: Callable[[ArrayLimits], bytes]
     file: str | None = None
 
 
 def make_descriptor_source(descriptor: int, file: str | None = None) -> FileSource:
-    """Of an open file, which the caller closes."""
+    """The source for an open file, which the caller closes."""
     return FileSource(lambda limits: read_contents(descriptor, limits), file)
 
 
 def make_folder_source(folder: Path, name: str, asker: Asker) -> FileSource:
-    """Of a file by its name below a folder, if the asker could read it as well."""
+    """The source for a file by its name below a folder, if the asker could read it as well."""
     return FileSource(lambda limits: _closed_after(open_beneath(folder, name, asker), limits), name)
 
 
 def make_text_source(text: str, file: str | None = None) -> FileSource:
-    """Of its base64."""
+    """The source for a file sent as base64."""
 
     def decoded(limits: ArrayLimits) -> bytes:
         try:
@@ -100,7 +100,7 @@ def read_request_arrays(
 
     Returns
     -------
-    request : the same, with the names of files and their SHA-256 in the place of their content.
+    request : the same, with names and SHA-256 of files in place of their content.
     given : the arrays.
 
     Raises RequestError.

@@ -23,7 +23,7 @@ def find_grey_panels(pairs: Iterable[PatternPair]) -> tuple[str, ...]:
 
 
 def explain_grey_levels(pairs: Iterable[PatternPair], config: Config) -> Iterator[str]:
-    """What grey levels are sent by, a line for each panel that shows any."""
+    """How grey levels are sent, a line for each panel that shows any."""
     for name in find_grey_panels(pairs):
         panel: PanelConfig = getattr(config, name)
         if panel.lut is not None:
@@ -35,12 +35,12 @@ def explain_grey_levels(pairs: Iterable[PatternPair], config: Config) -> Iterato
 
 
 def list_grey_warnings(pairs: Iterable[PatternPair], config: Config) -> Iterator[str]:
-    """What the user of a finished run must know of its grey levels."""
+    """What the user of a finished run must know about its grey levels."""
     return map(describe_unknown_response, find_unknown_grey_panels(pairs, config))
 
 
 def find_unknown_grey_panels(pairs: Iterable[PatternPair], config: Config) -> tuple[str, ...]:
-    """Which panels are sent grey levels of which nobody said what light they give."""
+    """Which panels are sent grey levels whose light is not known."""
     return tuple(
         name
         for name in find_grey_panels(pairs)
@@ -49,17 +49,17 @@ def find_unknown_grey_panels(pairs: Iterable[PatternPair], config: Config) -> tu
 
 
 def is_grey_light_unknown(panel: PanelConfig, config: Config) -> bool:
-    """Whether nobody said what light a panel's grey levels give, and it may be anything."""
+    """Whether the light of a panel's grey levels was neither given nor measured, and may be any."""
     return panel.gamma is None and panel.lut is None and not is_mock_as_configured(config)
 
 
 def is_mock_as_configured(config: Config) -> bool:
-    """Whether the panels are those of a mock bench that is as its configuration says."""
+    """Whether the panels are those of a mock bench that matches its configuration."""
     return config.display.driver == "mock" and config.bench.truth is None
 
 
 def describe_unknown_response(name: str) -> str:
-    """That nobody said what light a panel's grey levels give."""
+    """Says that the light of a panel's grey levels is not known."""
     return (
         f"the {name} shows grey levels, and what light they give is not known: they are taken as "
         f"light, and a panel with gamma shows other weights than were asked for; run pdcd "
@@ -69,14 +69,14 @@ def describe_unknown_response(name: str) -> str:
 
 def can_use_grey_masks(request: CaptureRequest, config: Config) -> bool:
     """Whether masks of far light may have grey levels: as asked for, else where the mask can show
-    them and it was measured what light they give."""
+    them and their light was measured."""
     return not _black_and_white(config) if request.grey_masks is None else request.grey_masks
 
 
 def explain_long_range_masks(
     recipe: Recipe, request: CaptureRequest, config: Config, rig: Lattice
 ) -> Iterator[str]:
-    """Why masks of far light have grey levels or none, where nobody asked for either; and why they
+    """Why masks of far light have grey levels or none, where neither was asked for; and why they
     open whole cells where those of other codes do not."""
     if not any(is_long_range(program) for program in recipe.programs.values()):
         return
@@ -93,7 +93,7 @@ def _black_and_white(config: Config) -> str:
     """Why masks of far light have no grey levels; "" where they may have some."""
     if config.display.planes_per_refresh > 1:
         return "bit planes show no grey levels"
-    # What grey levels gain is less than what a gamma costs that was typed and is a little wrong.
+    # A typed gamma that is a little wrong costs more than grey levels gain.
     measured = config.mask.lut is not None or "mask.gamma" in config.calibration.typed
     if not measured and not is_mock_as_configured(config):
         return "nobody measured the light of the mask's grey levels: run pdcd calibrate response"

@@ -1,4 +1,4 @@
-"""Plans that follow what is known of the scene: by a prior beforehand, by a pilot on the way."""
+"""Plans that follow what is known of the scene: from a prior beforehand, or from a pilot."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def with_links(
 
 
 def follow_prior(plan: Plan, prior: GivenPrior, seed: int) -> Plan:
-    """The same `can_be_guided` plan with codes that keep cells apart which the prior links."""
+    """A `can_be_guided` plan with codes that keep cells apart which the prior links."""
     return replace(with_links(plan, prior.links, seed), prior=prior.name)
 
 
 def can_be_guided(plan: Plan) -> bool:
-    """Whether a plan has Hadamard codes which pair each cell with itself, as links assume it."""
+    """Whether a plan has Hadamard codes that pair each cell with itself, as links assume."""
     coded = [p for p in plan.recipe.programs.values() if p.coded and p.p == 0.5]
     fits = bool(coded) and all(_own(program) for program in coded)
     return fits and plan.family == "hadamard"
@@ -54,11 +54,11 @@ def _own(program: Program) -> bool:
 
 @dataclass(frozen=True)
 class PilotOutcome:
-    """What became of a plan when the photos of its pilot were looked at.
+    """What becomes of a plan once the photos of its pilot were evaluated.
 
-    outcome : "stopped" where its scouts see no sharp paths, and the rest of its codes go to the
+    outcome : "stopped" where its scouts show no sharp paths, and the rest of its codes go to the
         coded photo; "guided" where the codes that follow keep linked cells apart; "no use" where
-        they cannot. told : what was decided, and what that cost, where nobody asked for the pilot.
+        they cannot. told : the decision and its cost in words, where nobody asked for the pilot.
     """
 
     plan: Plan
@@ -76,8 +76,8 @@ def decide_after_pilot(
     limit_s: float,
     watch: Watch,
 ) -> PilotOutcome | None:
-    """The plan to go on by after a look at a pilot, or at its `scouts` alone; None where these say
-    that it is to go on as it is.
+    """The plan to go on with after a pilot, or its `scouts` alone, was evaluated; None where the
+    scouts say that the plan is to go on as it is.
 
     shots : all that were taken. limit_s : the longest exposure of the rig.
     """
@@ -101,8 +101,8 @@ def end_pilot(plan: Plan, seed: int, limit_s: float) -> Plan:
     """The plan that is left of one with a pilot when that ends with its scouts.
 
     The codes of all further pilot photos go to the coded photo, as far as there is a Hadamard
-    matrix and an exposure of `limit_s` holds them. Passes stay, and so does the time of all codes;
-    exact sequences stay as they may have been shown.
+    matrix and an exposure of `limit_s` holds them. Passes stay the same, and so does the time of
+    all codes. Exact sequences stay the same, as they may have been shown.
     """
     exact = {
         shot.program: plan.passes_of(shot)
@@ -129,8 +129,8 @@ def end_pilot(plan: Plan, seed: int, limit_s: float) -> Plan:
 def resume_pilot(full: Plan, ended: Plan, config: Config, sharpness: float) -> Plan:
     """The plan of a pilot that goes on after all, once ambient light is known.
 
-    full : as it was before its scouts ended it. ended : what became of it, with its black
-    exposures, and what dark photos told. Codes that were shown since count no more. Raises
+    full : the plan before its scouts ended the pilot. ended : the plan after that, with its black
+    exposures, and what dark photos showed. Codes that were shown since no longer count. Raises
     RequestError where it would take too much memory.
     """
     how = msgspec.structs.replace(full.how, black_level=ended.how.black_level, late=True)
@@ -155,7 +155,7 @@ def resume_pilot(full: Plan, ended: Plan, config: Config, sharpness: float) -> P
 
 
 def _pilot_words(plan: Plan, learned: PilotFindings, shots: Sequence[ShotRecord]) -> str:
-    """What a pilot that nobody asked for found, what follows, and what it cost."""
+    """What a pilot that nobody asked for found, what follows, and what it cost, in words."""
     single = [s for s in shots if s.name in plan.recipe.stack]
     cost_s = sum(s.open_s for s in single)
     light = f"sharpness {learned.sharpness:.2g}, limit {SHARP:g}"

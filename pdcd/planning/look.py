@@ -1,10 +1,10 @@
 """A look at what gets into a photo when panels are black, and the black exposures that follow.
 
-One short dark photo is taken once the first photo of the codes is there: it shows an open mask
-before a black projector, then, after a pause, a closed mask before a lit projector. It holds
-ambient light, what a black projector lets out and what a closed mask lets through, all at once.
-Where that would be too much (`pdcd.pictures.leaks`), a second one without the lit projector tells
-them apart, and the shots are joined by those that measure the leak.
+One short dark photo is taken once the first photo of the codes is there. It shows an open mask in
+front of a black projector, then, after a pause, a closed mask in front of a lit projector. It
+contains ambient light, the light of a black projector and what a closed mask lets through, all
+together. Where that would be too much (`pdcd.pictures.leaks`), a second photo without the lit
+projector separates them, and black exposures that measure the leak are added to the shots.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from pdcd.runs.record import ShotRecord
 from pdcd.words import BlackLevel
 
 _LIMIT = 0.01
-"""RMS error of the answer by leaks that is borne where no error was asked for."""
+"""RMS error of the answer by leaks that is accepted where no error was asked for."""
 _LOOK_S = 0.25
 """Time for which a dark photo shows each of its two states."""
 
 
 @dataclass(frozen=True)
 class _BlackLevels:
-    """What is asked of black exposures: those that are taken in any case, and a look or none."""
+    """Black exposures to begin with, and a look or none."""
 
     level: BlackLevel
     look: LeakProbe | None
@@ -49,8 +49,8 @@ def resolve_black_level(
     request: CaptureRequest, config: Config, *, average: bool = False
 ) -> _BlackLevels:
     """Black exposures of a request, which may `average` against the noise of ambient light; "auto"
-    begins without any, and looks. Entries of the transport matrix have an unknown of their own for
-    what comes whatever is shown."""
+    begins without any, and looks. The transport matrix needs none: its equations have an unknown
+    for light that comes whatever is shown."""
     asked = request.black_level or config.schedule.black_level
     if asked != "auto":
         return _BlackLevels(asked, None)
@@ -64,7 +64,7 @@ def resolve_black_level(
 @dataclass(frozen=True)
 class DarkFrames:
     """What a dark photo shows: an open mask alone for `rows`; then a `pause`; then a lit projector
-    alone for as long, or both panels black. shot : at whose aperture it is taken."""
+    alone for as long, or both panels black. shot : the one whose aperture is used."""
 
     shot: Shot
     rows: int
@@ -74,7 +74,7 @@ class DarkFrames:
 
     @classmethod
     def of(cls, plan: Plan) -> DarkFrames:
-        """Those of a plan: each state for `_LOOK_S`, and no longer than the answer's shots."""
+        """The frames of a plan: each state for `_LOOK_S`, and no longer than the answer's shots."""
         shot = plan.last_exposed
         rows = min(max(2, round(_LOOK_S * plan.row_hz)), plan.refreshes(shot))
         pause = max(2, math.ceil(plan.settle_s * plan.row_hz))
@@ -82,16 +82,16 @@ class DarkFrames:
 
     @property
     def phase_s(self) -> float:
-        """For how long each of the two states is shown."""
+        """Time for which each of the two states is shown."""
         return self.rows / self.row_hz
 
     @property
     def seconds(self) -> float:
-        """For how long all of it is shown."""
+        """Time for which all of it is shown."""
         return (2 * self.rows + self.pause) / self.row_hz
 
     def frames(self, *, lit: bool) -> Frames:
-        """Refreshes of the photo; `lit` : whether the projector is in the end."""
+        """Refreshes of the photo; `lit` : whether the projector is lit at the end."""
         primal = np.full(2 * self.rows + self.pause, BLACK, dtype=np.int32)
         dual = primal.copy()
         dual[: self.rows] = WHITE
@@ -122,7 +122,7 @@ def choose_black_level(leaks: LeakErrors) -> BlackLevel:
 
 
 def note_harmless_leaks(plan: Plan, leaks: LeakErrors) -> Plan:
-    """The same plan after a look that calls for nothing."""
+    """The plan after a look that requires nothing."""
     text = f"black exposures: none, after a look at a dark photo: {_said(leaks)}"
     return replace(plan, look=None, leaks=leaks, reasons=_reasons(plan, text))
 
@@ -130,11 +130,10 @@ def note_harmless_leaks(plan: Plan, leaks: LeakErrors) -> Plan:
 def with_black_exposures(
     plan: Plan, leaks: LeakErrors, config: Config, taken: Sequence[ShotRecord]
 ) -> Plan:
-    """The same plan with the black exposures that are `choose_black_level` for all its photos;
-    codes stay.
+    """The plan with the black exposures of `choose_black_level` for all its photos; codes stay.
 
-    taken : the shots so far. A black exposure lasts as long as the shot it belongs to, whatever
-    became of the plan after that was taken. Raises RequestError where none can be added.
+    taken : the shots so far. A black exposure lasts as long as the shot it belongs to, even if the
+    plan has changed since that was taken. Raises RequestError where none can be added.
     """
     level = choose_black_level(leaks)
     if plan.look is not None and not plan.look.may_add:
@@ -157,7 +156,7 @@ def with_black_exposures(
 def _as_taken(plan: Plan, config: Config, taken: Sequence[ShotRecord]) -> Plan:
     """The plan with white shots as long as they were: a pilot that ends early changes the rest.
 
-    Raises RequestError where shots were taken otherwise than planned.
+    Raises RequestError where shots were not taken as planned.
     """
     planned = {shot.name: shot for shot in plan.recipe.shots}
     delay = abs(config.mask_delay_rows)
@@ -178,7 +177,7 @@ def _as_taken(plan: Plan, config: Config, taken: Sequence[ShotRecord]) -> Plan:
 
 
 def with_leak_probe(plan: Plan, look: LeakProbe | None) -> Plan:
-    """The same plan with a look to come, and a line about it."""
+    """The plan with a look to come, and a line about it."""
     bare = replace(plan, look=look)
     return bare if look is None else replace(bare, reasons=_reasons(bare, _foretold(bare, look)))
 

@@ -1,6 +1,6 @@
-"""Request + rig -> a plan, in one pass: defaults, decisions, codes.
+"""From a request and a rig to a plan, in one pass: defaults, decisions, codes.
 
-A plan is made once, and once more only after photos were seen (`pdcd.planning.guided`)."""
+A plan is made once, and again only after photos were evaluated (`pdcd.planning.guided`)."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ class ExposureLimitError(RequestError):
 class _Decisions:
     """All that is decided of a plan before its codes are made.
 
-    recipe, how : what is photographed, and how. family : also of a recipe without codes. own :
-    codes that came with the request. smooth : whether smooth light is to be corrected. look : at a
-    dark photo; None where black exposures are settled.
+    recipe, how : what is photographed, and how. family : set also for a recipe without codes. own :
+    codes that came with the request. smooth : whether smooth light is to be corrected. look : a
+    dark photo to take; None where black exposures are settled.
     """
 
     request: CaptureRequest
@@ -88,10 +88,10 @@ def plan_request(
     watch: Watch | None = None,
 ) -> Plan:
     """The plan of a request that names no error and no time: what it leaves open is resolved, and
-    all of it is planned in one pass.
+    everything is planned in one pass.
 
-    `camera` is None where it was not asked yet. The plan is of a pilot that goes on, where nobody
-    asked for that; `otherwise` is what is done when its scouts see no sharp paths. Raises
+    `camera` is None where it is not known yet. If nobody asked for a pilot but there is one, the
+    plan assumes that it goes on; its `otherwise` is for scouts that show no sharp paths. Raises
     RequestError as `plan_with_prior`.
     """
     request = count_own_codes(request, given)
@@ -157,12 +157,13 @@ def make_plan(
     *,
     average: bool = False,
 ) -> Plan:
-    """Plan a request that leaves nothing open but what the configuration says.
+    """Plan a request that leaves nothing open but what the configuration settles.
 
     `mask_lag_s` is the lag of the mask that the display measured; None where it is not known.
-    `given` holds the request's arrays. A `watch` is told how many programs have their codes, and
-    may end the work. `average` : whether everything may be shown more often against the noise of
-    ambient light. Raises RequestError when the request contradicts itself, the rig, or the limits.
+    `given` holds the request's arrays. A `watch` gets the number of programs that have their codes,
+    and may end the work. `average` : whether everything may be shown more often against the noise
+    of ambient light. Raises RequestError when the request contradicts itself, the rig, or the
+    limits.
     """
     decided = _decide(request, config, grid, mask_lag_s, given, average=average)
     plan = _with_codes(decided, config, mask_lag_s, watch or Watch())
@@ -182,8 +183,8 @@ def _decide(
     *,
     average: bool = False,
 ) -> _Decisions:
-    """Resolve a request against the configuration; no codes are made. As `make_plan`, whose errors
-    it raises."""
+    """Resolve a request against the configuration; no codes are made. Arguments and errors as of
+    `make_plan`."""
     request = add_bench_plane(request, config)
     blacks = resolve_black_level(request, config, average=average)
     how = _how(request, config, blacks.level)
@@ -203,7 +204,7 @@ def _decide(
     check_isolation(recipe, slot_s=slot.slot_s, limit_s=config.limits.max_exposure_s)
     passes = _passes(request, config, recipe, how, lattice, slot.slot_s)
     check_memory(recipe, how, config)
-    # Far light has no Hadamard codes; balanced ones stand in for them.
+    # Far light has no Hadamard codes; balanced ones replace them.
     far = draft.coded is None and family == "balanced" and request.family is None
     usual = family == "hadamard" or far
     return _Decisions(
@@ -332,7 +333,7 @@ def _grey_masks(request: CaptureRequest, config: Config) -> bool:
 
 
 def _brightness(request: CaptureRequest, how: CaptureScheme) -> tuple[str, ...]:
-    """Why there are that many codes."""
+    """Why there are so many codes."""
     if not request.equal_brightness or request.p is None:
         return ()
     lit = f"{request.p * how.codes:g}"
@@ -384,8 +385,7 @@ def _passes(
 ) -> int:
     """Whole passes over the codes that fit into the exposure asked for; one where none was.
 
-    Refuses one pass that is too long before the codes are made: a million of them would only be
-    made to be refused.
+    If a single pass is too long the request is refused here, before codes are made in vain.
     """
     programs = recipe.programs.values()
     in_windows = any(is_windowed(program) for program in programs)

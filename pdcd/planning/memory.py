@@ -1,4 +1,4 @@
-"""Whether a capture can fit into the memory of the process that decodes it, before any light."""
+"""Whether a capture fits into the memory of the process that decodes it, before any light."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pdcd.recipes.parts import count_part_codes
 from pdcd.recipes.recipe import Recipe
 
 _FACTOR_BYTES = 16
-"""What both panels showed in a code at a cell, float64 each."""
+"""Bytes of what both panels showed in a code at a cell, float64 each."""
 _SAMPLE_BYTES = 9
-"""Four samples of a quad in a RAW file, and whether it is saturated."""
+"""Bytes of the four samples of a quad in a RAW file, and of whether it is saturated."""
 _REAL_QUADS = 3_100_000
-"""Bayer quads of the largest frame of a supported camera; its size is known from the first photo
-on only."""
+"""Bayer quads of the largest frame of a supported camera; the real size is known only from the
+first photo on."""
 
 
 class MemoryLimitError(RequestError):
@@ -26,10 +26,10 @@ class MemoryLimitError(RequestError):
 def check_memory(recipe: Recipe, how: CaptureScheme, config: Config, share: float = 1.0) -> None:
     """Refuse a capture that cannot be decoded within a `share` of `limits.work_bytes`.
 
-    Planners call it before codes are made. It counts what decoding holds in any case: cells times
+    Planners call it before codes are made. It counts what decoding needs in any case: cells times
     codes of every shot (no more of them than cells) for both panels, and the samples of every RAW
-    file. What is taken beside that shows only when it is taken, and the process that plans and
-    decodes then ends with a typed error. Raises MemoryLimitError.
+    file. If the rest exceeds the limit, the process that plans and decodes ends with a typed error
+    when it happens. Raises MemoryLimitError.
     """
     rows, cols = recipe.target.grid
     cells = rows * cols
@@ -52,7 +52,7 @@ def check_memory(recipe: Recipe, how: CaptureScheme, config: Config, share: floa
 
 
 def count_frame_quads(config: Config, grid: tuple[int, int]) -> int:
-    """Quads of the camera's frame; of one that is not known, as many as a real one may have."""
+    """Quads of the camera's frame; if that is not known, as many as a real one may have."""
     given = config.camera.place.map
     if isinstance(given, Map):
         return given.size_px[0] * given.size_px[1]

@@ -1,4 +1,4 @@
-"""From test exposures to the one aperture of a run, and the light of two stops compared."""
+"""From test exposures to the one aperture of a run; and a comparison of the light of two stops."""
 
 from __future__ import annotations
 
@@ -19,49 +19,50 @@ from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
 from pdcd.sensor.raw import RawFrame
 
 _MOST_TIMES = 4
-"""How often at most: such a photo takes a few seconds."""
+"""Most times that it is shown: such a photo takes a few seconds."""
 _PATCHES = 4
 """Parts of a frame along each side in which the light of two stops is compared."""
 _MASKED_DN = 0.05
-"""Standard deviation of a black level that a masked border of 100 000 samples shows."""
+"""Standard deviation of a black level that is measured by a masked border of 100 000 samples."""
 
 TARGET = 0.6
-"""Where the brightest sample shall lie, as a share of saturation."""
+"""Where the brightest sample is to lie, as a share of saturation."""
 
 USABLE = (0.02, 0.95)
-"""A test exposure whose brightest sample lies outside tells too little: too dark, or clipped."""
+"""A test exposure whose brightest sample lies outside is of little use: too dark, or clipped."""
 
 _METER_PAIRS = 16
 """Pairs of patterns in a test exposure: enough that every cell has light in some."""
 
 _METER_FAR = 8
-"""Of codes of far light a test shows one in so many, if that is more. Each lights few cells, so
-that few codes have far more light at some place, or less, than all of them: a photo of 512 codes
-came out at four tenths of its light."""
+"""With codes of far light, a test shows one code in so many, if that is more. Each lights few
+cells. So a few codes may have far more light at some place, or less, than all of them: a photo of
+512 codes came out at four tenths of its light."""
 
 SEEN = 0.5
-"""Light of a cell in a test exposure, over its fair share, below which it tells too little to be
-multiplied by more: sharp paths would be taken for more than they are."""
+"""Light of a cell in a test exposure, over its fair share, below which it is not scaled up further:
+sharp paths would be overestimated."""
 
 MAX_TESTS = 6
 
 _BRIGHTEST = 0.85
-"""Where the brightest sample may lie of a photo that shares the stop of others. Its own test showed
-the same light, so that it may come closer to saturation than what is foreseen by few codes."""
+"""Where the brightest sample of a photo may lie that shares the stop of others. Its own test showed
+the same light, so that it may come closer to saturation than one predicted from a few codes."""
 
 _DIMMEST, _DIMMEST_SINGLE = 0.2, 0.05
-"""Share of saturation that the brightest sample of a photo of codes must reach to share the stop
-of the others, and one of a single code: below, read noise would count."""
+"""Share of saturation that the brightest sample of a photo of codes must reach to share the stop of
+the others, and the same for a photo of a single code: below it, read noise would matter."""
 
 
 def choose_test_pairs(shot: ShotSequence) -> tuple[int, Floats]:
-    """Pairs of patterns in a test exposure, and how much more light the shot gathers: (rows, cols).
+    """Number of pattern pairs in a test exposure, and how much more light the shot gathers in each
+    cell: (rows, cols).
 
-    Few codes open some cells more often than others. So each cell is told by the time its mask was
-    open while an average cell was lit, in the shot over that in the test: right for light from
-    many cells. Cells that the test opened seldom gain up to 1 / `SEEN` times what others do, and
-    their neighbours tell the rest. Exact sequences are shown whole: their first pairs are not like
-    the others.
+    Few codes open some cells more often than others. So the ratio of a cell is the time for which
+    its mask was open while an average cell was lit, in the shot over that in the test. This is
+    right for light from many cells. Cells that the test opened seldom gain at most 1 / `SEEN` times
+    what others do, and their neighbours stand for the rest. Exact sequences are shown whole, as
+    their first pairs are not like the others.
     """
     program, of_shot = shot.program, shot.count
     same = np.full(shot.grid, float(shot.passes))
@@ -107,15 +108,15 @@ def pick_leading_shot(planned: Sequence[Shot]) -> Shot:
 
 
 def fit_white_slots(per_slot: float, planned: int) -> int:
-    """Slots of a white shot at the stop of the codes, each of which brings the brightest sample up
-    to `per_slot` of saturation: as many as are planned, or fit. A slot is on and off as a code's,
-    so that what panels' edges add or take is the same share of either."""
+    """Slots of a white shot at the stop of the codes, if each of them adds `per_slot` of saturation
+    to the brightest sample: as many as are planned, or fit. A slot is on and off like that of a
+    code, so that the panels' edges in time add or take the same share of either."""
     return max(1, min(planned, int(TARGET / max(per_slot, 1e-9) + 1e-6)))
 
 
 def can_share_stop(shot: Shot, expected: float, slots: int) -> bool:
-    """Whether a shot can be taken at the stop of the others, where its brightest sample is expected
-    at that share of saturation; white shots of one of their `slots`."""
+    """Whether a shot can be taken at the stop of the others, if its brightest sample is expected at
+    that share of saturation; a white shot may use fewer of its `slots`."""
     if shot.white:
         return expected / slots <= _BRIGHTEST
     return (_DIMMEST if shot.only is None else _DIMMEST_SINGLE) <= expected <= _BRIGHTEST
@@ -174,7 +175,7 @@ def pick_aperture(apertures: tuple[float, ...], f_number: float) -> float:
 
 def count_stop_repeats(wider: float, narrower: float) -> int:
     """How often the narrower of two stops is shown what the wider one is shown once, to compare
-    them: light goes with the number, and a dim photo is as unsure as its black level."""
+    them: light grows with that number, and the black level limits the precision of a dim photo."""
     return min(_MOST_TIMES, max(1, round((narrower / wider) ** 2)))
 
 
@@ -182,13 +183,13 @@ def compare_stops(
     one: RawFrame, other: RawFrame, profile: SensorProfile, iso: int, exposure_s: float
 ) -> tuple[float, float] | None:
     """Light of a photo at one stop over that of another one, and its relative standard deviation;
-    both show the same codes, each as often as it may be. None where they have too little light to
-    tell more than what is engraved.
+    both show the same codes, each as often as it may. None where they have too little light to be
+    more precise than the engraved numbers.
 
-    All that is not saturated in either counts. Beside the noise of the samples each photo's black
-    level is unsure: of a masked border by `_MASKED_DN`, else by what is lost in cutting it to whole
-    numbers. And a wide stop darkens corners that a narrow one does not: how far parts of the frame
-    differ counts, too.
+    Only quads that are saturated in neither count. Besides the noise of the samples, the black
+    level of each photo is uncertain: by `_MASKED_DN` with a masked border, else by rounding to
+    whole numbers. And a wide stop darkens corners that a narrow one does not: the differences
+    between parts of the frame are added, too.
     """
     good = ~(one.saturated | other.saturated)
     light, squares = [], 0.0

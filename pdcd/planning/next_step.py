@@ -1,4 +1,4 @@
-"""Where a run stands by its plan: what comes next after the shots that it has."""
+"""What comes next in a run, by its plan and the shots that it has."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
 
 _Step = Literal["scouts", "pilot", "dark"] | Shot | None
-"""To look at the scouts of a pilot, or at all of its photos; to take a dark photo; to take a shot;
-or nothing more."""
+"""To evaluate the scouts of a pilot, or all of its photos; to take a dark photo; to take a shot; or
+nothing more."""
 
 
 def choose_next_step(plan: Plan, taken: Collection[str], *, looked: bool, fresh: bool) -> _Step:
     """What a run does next.
 
-    taken : names of the shots it has. looked : whether it had its look at a dark photo. fresh :
-    whether the last of these shots has only just come, so that a pilot is to be thought about.
+    taken : names of the shots it has. looked : whether its look at a dark photo is done. fresh :
+    whether the last of these shots has only just come, so that a pilot may have to be evaluated.
     """
     late = plan.how.late
     if fresh and (late or not looked):  # a look comes after all that a pilot may change
@@ -30,7 +30,7 @@ def choose_next_step(plan: Plan, taken: Collection[str], *, looked: bool, fresh:
             return "pilot"
     if not looked and is_dark_photo_due(plan, taken):
         return "dark"
-    # Others come along with their exposures.
+    # Shots beside others come along with their exposures.
     wanted = (shot for shot in plan.recipe.shots if not shot.beside)
     return next((shot for shot in wanted if shot.name not in taken), None)
 
@@ -48,7 +48,7 @@ def is_pilot_complete(plan: Plan, taken: int) -> bool:
 
 
 def is_dark_photo_due(plan: Plan, taken: Collection[str]) -> bool:
-    """Whether a plan wants a dark photo, and the shots that it is held against are there: all of
+    """Whether a plan wants a dark photo, and the shots that it is compared with are there: all of
     them, or those of the first part."""
     if plan.look is None:
         return False
@@ -56,7 +56,7 @@ def is_dark_photo_due(plan: Plan, taken: Collection[str]) -> bool:
 
 
 def is_last_of_part(plan: Plan, shot: Shot) -> bool:
-    """Whether a shot is the last one of a part, so that there is an answer to look at."""
+    """Whether a shot is the last one of a part, so that there is an answer to judge."""
     # A shot beside another one comes with that.
     own = [s for s in plan.recipe.shots if s.part == shot.part and not s.beside]
     return shot.part > 0 and shot is own[-1]

@@ -1,5 +1,5 @@
-"""Codes that came with a request: read, checked against the rig, and shown in the place of those
-that a family would have made.
+"""Codes that came with a request: read, checked against the rig, and shown instead of those that a
+family would have made.
 
 All else goes its usual way: a program says which goal the pairs are for, and the photo is divided
 by what they realise, whatever that is.
@@ -38,16 +38,16 @@ OWN_CODES = "codes_from"
 """The field of a request."""
 _SIDES = ("primal", "dual")
 _GOALS: tuple[GoalName, ...] = ("indirect", "direct", "fraction", "split", "long-range")
-"""Goals of which each photo shows pairs of codes as they are. Others make masks of sums of codes,
+"""Goals whose photos each show pairs of codes as they are. Other goals make masks of sums of codes,
 show codes and their negatives, or need none."""
 _MOST_COMPARED = 2**34
-"""Codes squared times cells up to which the error of codes is worked out: some seconds."""
+"""Most codes squared times cells for which the error of codes is computed: some seconds."""
 
 
 def read_own_codes(data: bytes, limits: ArrayLimits) -> dict[str, Floats]:
-    """The arrays in the bytes of an .npz file, by their names among a request's arrays.
+    """Reads the arrays in the bytes of an .npz file; the result has their names among a request's.
 
-    `limits` are those of both together. Raises Unsound.
+    `limits` are those of both arrays together. Raises UnsoundFileError.
     """
     if not data.startswith(ZIP_MAGIC):
         raise UnsoundFileError("it is not an .npz file", "write it with numpy.savez")
@@ -84,9 +84,9 @@ def read_own_codes(data: bytes, limits: ArrayLimits) -> dict[str, Floats]:
 
 
 def count_own_codes(request: CaptureRequest, given: Given) -> CaptureRequest:
-    """The request with the number of its own codes; as it is where it has none.
+    """The request with the number of its own codes; unchanged where it has none.
 
-    Raises RequestError where they go with nothing else that was asked for.
+    Raises RequestError where something else that was asked for excludes them.
     """
     if request.codes_from is None:
         return request
@@ -139,8 +139,8 @@ class OwnCodes:
     lattice_shape: tuple[int, int]
 
     def in_place_of(self, program: Program, part: int, parts: int) -> Program:
-        """A program that shows them, or those of one of so many parts, under the same illumination
-        and gain as another."""
+        """A program that shows these codes, or those of one of so many parts, under the same
+        illumination and gain as another program."""
         if isinstance(program, IlluminatedProgram | GainProgram):
             return replace(program, program=self.in_place_of(program.program, part, parts))
         count = len(self.primal) // parts
@@ -148,7 +148,7 @@ class OwnCodes:
         return _GivenProgram(replace(self, primal=self.primal[some], dual=self.dual[some]))
 
     def over(self, lattice: Lattice) -> LevelPairs:
-        """Their levels over the cells of a lattice, (K, L) each; those of the grid alone are
+        """Their levels over the cells of a lattice, (K, L) each. Codes over the grid alone are
         continued over its far edges."""
         if self.lattice_shape == lattice.shape:
             return self.primal, self.dual
@@ -156,8 +156,8 @@ class OwnCodes:
         return self.primal[:, nearest], self.dual[:, nearest]
 
     def explain(self, recipe: Recipe, lattice: Lattice) -> Iterator[str]:
-        """What they are, what they err by of the goal's coded photo, and what becomes of them in
-        parts and windows, a line each.
+        """What they are, their error in the goal's coded photo, and what becomes of them in parts
+        and windows, a line each.
 
         lattice : of codes in the rig's window. Raises RequestError where they keep none of the
         light that the photo is scaled by.
@@ -178,7 +178,7 @@ class OwnCodes:
             yield "parts: one exposure; the error of the codes is not in the error bars"
 
     def _describe_error(self, recipe: Recipe) -> str:
-        """What they are, and what they err by. Raises RequestError."""
+        """What they are, and their error. Raises RequestError."""
         lit, opened = (100.0 * float(side.mean()) for side in (self.primal, self.dual))
         told = (
             f"codes: {len(self.primal)} pairs as given; the projector lights {lit:.3g} % of the "
@@ -225,12 +225,12 @@ class _GivenProgram:
     p: float = 0.5
 
     def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
-        """K pairs; `bits` is not looked at."""
+        """K pairs; `bits` is not used."""
         return self.codes.over(lattice)
 
 
 def fit_own_codes(given: Given, rig: Lattice, draft: Recipe) -> OwnCodes | None:
-    """The codes among a request's arrays, of the cells of the draft's photos; None where there are
+    """The codes among a request's arrays, for the cells of the draft's photos; None where there are
     none. rig : the lattice of codes in its window.
 
     Raises RequestError where they have other cells.

@@ -1,4 +1,4 @@
-"""The pairs of patterns that the programs of a plan show, and the family they are made by."""
+"""The pairs of patterns that the programs of a plan show, and their family."""
 
 from __future__ import annotations
 
@@ -48,11 +48,14 @@ _FEWEST_LIT = 16
 def resolve_family(
     asked: FamilyName | None, default: FamilyName, draft: Recipe, how: CaptureScheme
 ) -> FamilyName:
-    """The family asked for. Where codes must be lit in another share than 1/2 that Hadamard codes
-    cannot do with this number, balanced ones stand in for them unless they were asked for by name;
-    and in parts, whose spread tells of errors only where phases are left to chance. So they do for
-    cells matched with others that are lit in few codes: there are too few Hadamard columns to keep
-    the cells' own light apart, and chains of balanced ones do (`pdcd.codes.independent`)."""
+    """The family asked for, or balanced codes where Hadamard ones do not serve.
+
+    Balanced codes replace Hadamard codes that were not asked for by name in three cases: if cells
+    are to be lit in another share than 1/2 that Hadamard codes cannot have with this number; in
+    parts with such a share, whose spread shows errors only where phases are left to chance; and for
+    cells matched with others that are lit in few codes. In the last case there are too few Hadamard
+    columns to keep the cells' own light apart, while chains of balanced ones do
+    (`pdcd.codes.independent`)."""
     family = asked or default
     main = next((p.p for p in draft.programs.values() if has_code_mask(p)), 0.5)
     lines = any(isinstance(p, KeyedRangeProgram) for p in draft.programs.values())
@@ -81,8 +84,8 @@ def make_pattern_pairs(
     """Patterns of every program, as they are sent to panels with these curves; each part of a split
     photo has codes of its own.
 
-    `p` is the share of lit cells that the request names, None where it leaves that open. `own`
-    codes came with it. `watch` is told of every program that is done.
+    `p` is the share of lit cells that the request names, None where it leaves that open. `own` :
+    codes that came with the request. `watch` counts the programs that are done.
     """
     part_of = {shot.program: shot.part for shot in recipe.shots}
     patterns, slots = {}, how.coded * passes
@@ -110,8 +113,8 @@ def make_pattern_pairs(
 def make_linked_pairs(
     plan: Plan, links: scipy.sparse.csr_array, seed: int, watch: Watch | None = None
 ) -> dict[str, PatternPair]:
-    """Patterns of the programs that Hadamard codes can serve which keep linked cells (N, N) apart;
-    `links` is sparse. A `watch` may end the work."""
+    """Patterns of those programs that Hadamard codes can serve; the codes keep linked cells apart.
+    `links` is sparse (N, N). A `watch` may end the work."""
     alive = watch or Watch()
     lattice = Lattice(plan.grid, plan.window)
     between = _onto_lattice(lattice, links)
@@ -126,8 +129,8 @@ def make_linked_pairs(
             # codes.
             own_seed = derive_part_seed(seed, plan.how.parts, part)
             rng = np.random.Generator(np.random.PCG64(own_seed))
-            # Parts in which the same cells share columns err alike by chance, and their spread then
-            # shows nothing of it.
+            # If the same cells shared columns in all parts, their errors would be alike by chance,
+            # and the spread of parts would not show them.
             bits = make_prior_codes(lattice.shape, count, between, rng, apart=part > 0)
             if part:
                 bits = randomise_signs(bits, own_seed)
@@ -142,8 +145,8 @@ def count_white_slots(
     slots: int,
     curves: Curves = UNKNOWN_CURVES,
 ) -> int:
-    """Slots of a white shot: as the goal itself, all; beside a coded one, as many as gather about
-    its light, which keeps the camera at one setting."""
+    """Slots of a white shot: as the goal itself, all; with a coded one, as many as gather about its
+    light, which keeps the camera at one setting."""
     for name, program in recipe.programs.items():
         if has_code_mask(program):
             cells = find_code_lattice(program, lattice).lattice_cells

@@ -1,8 +1,8 @@
 """A look at where both panels lie: two photos of random blocks before the codes.
 
-Codes on a mask that lies elsewhere give a photo that looks like any other one, with error bars that
-know nothing of it. The blocks are drawn on both panels as codes are, by the maps that are believed
-in; `pdcd.pictures.misplaced` says what follows from the photos.
+Codes on a mask that lies elsewhere give a photo that looks like any other one, and error bars do
+not show it. The blocks are drawn on both panels as codes are, by the maps that are believed in;
+`pdcd.pictures.misplaced` says what follows from the photos.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pdcd.planning.plan import Plan, has_code_mask
 from pdcd.recipes.recipe import Shot
 
 _LOOK_S = 0.5
-"""Time for which a photo of blocks is shown, at most: that of the white shot if that is shorter."""
+"""Longest time for which a photo of blocks is shown: that of the white shot if that is shorter."""
 WHITE_BLOCK_PHOTO, PROJECTOR_BLOCK_PHOTO, MASK_BLOCK_PHOTO = (
     "look-white",
     "look-projector",
@@ -31,15 +31,15 @@ WHITE_BLOCK_PHOTO, PROJECTOR_BLOCK_PHOTO, MASK_BLOCK_PHOTO = (
 
 
 def is_panel_check_needed(plan: Plan, config: Config) -> bool:
-    """Whether it matters to the photos of a plan that both panels lie alike, and a look can tell:
-    off the axis direct light comes from elsewhere."""
+    """Whether it matters to the photos of a plan that both panels lie alike, and a look can show
+    it: on an off-axis bench direct light comes from elsewhere."""
     if not config.rig.look_at_panels or config.rig.arrangement == "off-axis":
         return False
     return any(has_code_mask(program) for program in plan.recipe.programs.values())
 
 
 def find_white_shot(plan: Plan) -> Shot | None:
-    """The shot of a plan with all light, over which the photos of blocks are held."""
+    """The shot of a plan with all light, with which the photos of blocks are compared."""
     return next((s for s in plan.recipe.shots if s.all_light and not s.beside), None)
 
 
@@ -50,8 +50,8 @@ def is_panel_check_due(plan: Plan, taken: Collection[str]) -> bool:
 
 
 def count_block_rows(plan: Plan) -> int:
-    """Refreshes of each photo: at the aperture of the shot it is held against it gets no more light
-    than that, which was metered."""
+    """Refreshes of each photo: at the aperture of the shot it is compared with, it gets no more
+    light than that one, which was metered."""
     shot = find_white_shot(plan) or plan.last_exposed
     most = max(2, round(_LOOK_S * plan.row_hz))
     return max(1, min(most, int(plan.refreshes(shot) * plan.light_share(shot))))
@@ -66,7 +66,7 @@ class BlockFrames:
     rows: int
 
     def frames(self, name: str) -> Frames:
-        """Refreshes of a photo. Panels show nothing beside the field, as in white shots."""
+        """Refreshes of a photo. Panels show nothing outside the field, as in white shots."""
         panels, patterns = panels_of(self.config), []
         for panel, blocks_on in (
             (panels.projector, PROJECTOR_BLOCK_PHOTO),

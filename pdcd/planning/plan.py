@@ -1,4 +1,4 @@
-"""Request + rig -> a plan: codes, shots, refreshes, seconds, light; nothing is run here."""
+"""A plan for a request and a rig: codes, shots, refreshes, seconds, light. Nothing is run here."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ from pdcd.words import FamilyName, ScheduleName
 PatternPair = tuple[Patterns, Patterns]
 
 COINS: tuple[FamilyName, ...] = ("bernoulli", "rademacher")
-"""Families of which every cell is lit by chance in every code."""
+"""Families in whose codes every cell is lit by chance."""
 
 
 @dataclass(frozen=True)
 class LeakProbe:
     """A dark photo that decides on black exposures (`pdcd.planning.look`).
 
-    limit : RMS error by leaks, relative to the answer, from which they are wanted. may_add : else a
-        warning is all. average : whether everything may be shown more often against the noise of
-        ambient light (`pdcd.planning.average`).
+    limit : RMS error by leaks, relative to the answer, above which they are wanted. may_add :
+        whether they may be added; if not, there is only a warning. average : whether everything may
+        be shown more often against the noise of ambient light (`pdcd.planning.average`).
     """
 
     limit: float
@@ -53,7 +53,7 @@ class LeakProbe:
 class ShotSequence:
     """What both panels show in a shot, over and over.
 
-    program, pair : who made the patterns, and all of them; None of both for a white shot. passes :
+    program, pair : the program, and all patterns that it made; both None for a white shot. passes :
     how often they are shown. primal_black, dual_black : for a shot that measures what a black panel
     leaks.
     """
@@ -68,7 +68,7 @@ class ShotSequence:
     dual_black: bool
     curves: Curves
     dark_s: float = 0.0
-    """For how long both panels are black after each row."""
+    """Time for which both panels are black after each row."""
 
     @property
     def count(self) -> int:
@@ -81,8 +81,8 @@ class ShotSequence:
         return Lattice(self.grid, self.window)
 
     def frames(self, pairs: int | None = None, times: int = 1) -> Frames:
-        """Refreshes of the shot; `pairs` limits it to that many pairs, shown so many `times` (test
-        exposures)."""
+        """Refreshes of the shot; for test exposures `pairs` limits it to that many pairs, each
+        shown so many `times`."""
         shown = self.pair
         if shown is not None and pairs:
             shown = shown[0][:pairs], shown[1][:pairs]
@@ -118,7 +118,7 @@ class Plan:
 
     recipe: Recipe
     how: CaptureScheme
-    """What the recipe was made by, beside its target."""
+    """What the recipe was made of, besides its target."""
     patterns: dict[str, PatternPair]
     """Projector and mask patterns of each program, as they are sent."""
     p: float
@@ -130,9 +130,9 @@ class Plan:
     """Rows of frames a second: refreshes, or the planes that each of them carries."""
     settle_s: float
     delay_s: float = 0.0
-    """Time by which the mask is sent its frames later, or earlier."""
+    """Time by which frames are sent to the mask later, or earlier."""
     dark_s: float = 0.0
-    """For how long both panels are black after each row."""
+    """Time for which both panels are black after each row."""
     iso: int | None = None
     """None: the camera's lowest."""
     smooth: bool = False
@@ -144,20 +144,20 @@ class Plan:
     reasons: tuple[str, ...] = ()
     """Why cells, window, schedule and parts are what they are, a line each."""
     curves: Curves = UNKNOWN_CURVES
-    """What light both panels make of what they are sent."""
+    """The light of both panels for each level that they are sent."""
     look: LeakProbe | None = None
     """Which leaks to look for; None where black exposures are settled."""
     leaks: LeakErrors | None = None
-    """What was found."""
+    """The leaks that were found."""
     dark: DarkPhoto | None = None
-    """The photo whose ambient light is taken off the photos of a pilot."""
+    """The photo whose ambient light is subtracted from the photos of a pilot."""
     unasked: bool = False
     """Whether the pilot is the program's own choice (`pdcd.planning.defaults`)."""
     exact_passes: Mapping[str, int] = field(default_factory=dict)
-    """By program, how often exact sequences are shown that were shown before the number of codes
-    changed; others fill as many slots as codes do."""
+    """By program, how often exact sequences are shown that were already shown before the number of
+    codes changed; others fill as many slots as codes do."""
     otherwise: Plan | None = None
-    """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
+    """The plan instead of a pilot of all codes, when its scouts show no sharp paths."""
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -237,7 +237,7 @@ class Plan:
         return slots * count_slot_rows(self.schedule)
 
     def light_share(self, shot: Shot) -> float:
-        """Mean share of a floodlit exposure of the same length that a path keeps."""
+        """Mean share of light that a path keeps, compared with a floodlit exposure as long."""
         duty = 1.0 / (count_slot_rows(self.schedule) * self.row_s * self.row_hz)
         if shot.primal_black or shot.dual_black:
             return 0.0
@@ -262,8 +262,8 @@ class Plan:
         return 1.0 / self.row_hz + self.dark_s
 
     def codes_without_pilot(self, limit_s: float) -> int:
-        """Codes of the coded photo when a pilot ends with its scouts, and exposures last so long
-        at most."""
+        """Codes of the coded photo when a pilot ends with its scouts, and no exposure is longer
+        than `limit_s`."""
         coded = next(shot for shot in self.recipe.shots if shot.kind in ("coded", "far"))
         codes_s = self.refreshes(coded) * self.row_s
         around_s = self.exposure_s(coded) - codes_s
@@ -275,8 +275,8 @@ class Plan:
         return self.how.coded
 
     def summary(self, limit_s: float | None = None) -> PlanSummary:
-        """The plan in figures; where it is known how long an exposure may last, with what a pilot
-        costs at most, and what if it ends with its scouts."""
+        """The plan in figures. If the longest exposure is given, they include what a pilot costs
+        at most, and what it costs if it ends with its scouts."""
         whole = self._summary()
         if limit_s is None or self.how.pilot <= SCOUTS:
             return whole
@@ -359,7 +359,7 @@ def has_code_mask(program: Program) -> bool:
 
 
 def is_windowed(program: Program) -> bool:
-    """Whether a program runs in the rig's window mode: where the mask shows codes, but for light
+    """Whether a program runs in the rig's window mode: where the mask shows codes, except for light
     from beyond a radius.
 
     Parted windows keep a cell's mask away from the borders of the projector's cells, so that its
@@ -375,7 +375,7 @@ def find_code_lattice(program: Program, rig: Lattice) -> Lattice:
 
 
 def is_long_range(program: Program) -> bool:
-    """Whether a program keeps light from beyond a radius alone."""
+    """Whether a program keeps only light from beyond a radius."""
     inner = find_inner_program(program)
     return isinstance(inner, LongRangeProgram) and inner.radius > 0
 

@@ -1,21 +1,22 @@
-"""The error that codes and sensor will leave in a photo, by closed-form variance formulas.
+"""Prediction of the error that codes and sensor leave in a photo, by closed-form variance formulas.
 
-S is the indirect light of a cell, Q the sum of the squares of its paths, D its direct light. N
-cells, K codes, relative to the weight of the photo:
+S is the indirect light of a cell, Q the sum of the squares of its paths, D its direct light. With N
+cells and K codes, relative to the weight of the photo:
 
 - indirect light, i.i.d. coins (`bernoulli`, the paper): variance ``(S^2 + 2 Q) / K``;
 - every cell lit equally often (`balanced`): ``Q / (K - 1)``;
-- Hadamard columns: each of K - 1 columns is that of ``N / (K - 1)`` cells, which keep about
-  ``sqrt(K - 1)`` cells apart. Only light between them errs, and of that only what the correction
-  for smooth light leaves: ``q (N / (K - 1) - 1)``, with the mean square q of what is left of a path
-  from so far.
+- Hadamard columns: each of K - 1 columns is used by ``N / (K - 1)`` cells, which keep about
+  ``sqrt(K - 1)`` cells apart. Only light between these is wrong, and of it only what the correction
+  for smooth light leaves: ``q (N / (K - 1) - 1)``, where q is the mean square of what is left of a
+  path from so far.
 
-The same with m = i keeps D + p S: ``(1 - p) (Q + (D + p S)^2 / p) / K`` for coins, and
+A mask m = i keeps D + p S: the variance is ``(1 - p) (Q + (D + p S)^2 / p) / K`` for coins, and
 ``(1 - p)^2`` times the variances above for the others. The sensor's noise is that of a picture
 whose brightest sample lies where metering puts it.
 
-This is a plan's forecast, good to about a quarter where the scene is known (docs/planning.md); what
-leaks through black panels is left to a look at it. What a photo errs by is measured, by its parts.
+This is a plan's forecast, good to about a quarter where the scene is known (docs/planning.md). What
+leaks through black panels is left to a look at it. The real error of a photo is measured, by its
+parts.
 """
 
 from __future__ import annotations
@@ -36,25 +37,25 @@ from pdcd.virtual.scene.scene import Scene
 from pdcd.words import FamilyName
 
 PREDICTED_GOALS = ("white", "indirect", "direct", "fraction")
-"""Goals whose errors the formulas tell."""
+"""Goals whose errors the formulas predict."""
 _APART = 0.8
 """Distance of the nearest cells of one column, over the root of the number of columns, as
 `pdcd.codes.colouring` places them."""
 _SMOOTH_LEFT = 0.4
-"""What a single exposure leaves of the light that models of smooth light explain, as measured;
-parts leave next to nothing of it."""
+"""Share that a single exposure leaves of the light that models of smooth light explain, as
+measured; parts leave next to nothing of it."""
 _UNSURE = 0.12
-"""RMS of what measured errors are off from these forecasts before known scenes, relative."""
+"""RMS relative difference between measured errors and these forecasts, with known scenes."""
 _STOP_LIGHT = 0.89
 """Light at the stop that is set, over that wanted: stops come in thirds, and the next narrower one
 is taken, ``(1 - 2^(-1/3)) / ln 2^(1/3)`` on average."""
 _SAMPLED_CELLS = 256
-"""Cells whose paths are looked at one by one; more of them hardly change the mean."""
+"""Cells whose paths are evaluated one by one; more of them hardly change the mean."""
 
 
 @dataclass(frozen=True)
 class RigSetting:
-    """What of a rig bears on the error."""
+    """The properties of a rig that the error depends on."""
 
     config: Config
     camera: CameraInfo
@@ -65,14 +66,14 @@ class RigSetting:
 
 @dataclass(frozen=True, eq=False)
 class SceneLight:
-    """What stands before a rig, in the figures that errors follow from.
+    """The scene in front of a rig, in the figures that errors follow from.
 
-    name : what it is, for people. direct, indirect : (cells, 3) scene units, of all cells or of
-    some that stand for them. squares : Q of an average cell, of the mean of R, G, B. rough,
-    smooth : (R,) for r = 0, 1, 2 ... the mean square of a path from r cells or farther: of what the
-    models of smooth light (`pdcd.pictures.smooth`) leave of it at their best, and of what they
-    explain. weak : (N,) of all paths to a cell but its r strongest. None of all three: all paths
-    are alike. measured : whether light is in the scene units that the camera's answer is told in.
+    name : what it is, for people. direct, indirect : (cells, 3) scene units, of all cells or of a
+    sample of them. squares : Q of an average cell, of the mean of R, G, B. rough, smooth : (R,) for
+    r = 0, 1, 2 ... the mean square of paths from r cells or farther: the part that models of smooth
+    light (`pdcd.pictures.smooth`) leave at their best, and the part that they explain. weak : (N,),
+    mean square of all paths to a cell except its r strongest. If these three are None, all paths
+    are alike. measured : whether light is in the scene units of the camera's answer.
     """
 
     name: str
@@ -85,8 +86,9 @@ class SceneLight:
     measured: bool = False
 
     def shared_square(self, columns: int, cells: int, *, split: bool, guided: bool) -> float:
-        """Mean square of what errs of the paths between cells that share one of so many columns of
-        a Hadamard matrix, which keep their distance, or go by the strength of their paths."""
+        """Mean square error of the paths between cells that share one of so many columns of a
+        Hadamard matrix. These cells keep their distance, or are chosen by the strength of their
+        paths (`guided`)."""
         if self.rough is None or self.smooth is None or self.weak is None:
             return self.squares / max(cells - 1, 1)
         if guided:
@@ -97,8 +99,8 @@ class SceneLight:
 
 
 def guess_scene_light() -> SceneLight:
-    """What is taken of a scene that is not known: 50 paths to each cell, 30 % of the light
-    indirect, and the brightest sample of a picture 3 times its RMS."""
+    """The assumptions for an unknown scene: 50 paths to each cell, 30 % of the light indirect, and
+    a brightest sample of 3 times the picture's RMS."""
     paths, indirect, contrast, cells = 50.0, 0.3, 3.0, 12
     # One bright cell in twelve; with the others the picture has an RMS of 1.
     rest = float(np.sqrt((cells - contrast**2) / (cells - 1)))
@@ -109,7 +111,7 @@ def guess_scene_light() -> SceneLight:
 
 
 def measure_scene_light(scene: Scene, name: str) -> SceneLight:
-    """The figures of a scene that is known, over the rig's cells, by the light of some of them."""
+    """The figures of a known scene over the rig's cells, from the light of some of them."""
     cells, columns = scene.cells, scene.grid[1]
     direct, indirect = scene.split()
     chosen = np.random.default_rng(0).permutation(cells)[:_SAMPLED_CELLS]
@@ -146,8 +148,8 @@ def measure_scene_light(scene: Scene, name: str) -> SceneLight:
 class PredictedError:
     """RMS errors of an answer over the RMS of the truth.
 
-    code : by codes that are too few, which no light removes. sensor : its noise. cells : of the
-    answer. split : whether each exposure has codes of its own.
+    code : by codes that are too few; no light lowers it. sensor : its noise. cells : of the answer.
+    split : whether each exposure has codes of its own.
     """
 
     code: float
@@ -156,7 +158,7 @@ class PredictedError:
     split: bool = False
 
     def repeated(self, exposures: int) -> PredictedError:
-        """That of so many such exposures together."""
+        """The error of so many such exposures together."""
         root = float(np.sqrt(exposures))
         code = self.code / root if self.split else self.code
         return replace(self, code=code, sensor=self.sensor / root)
@@ -168,18 +170,17 @@ class PredictedError:
 
     def bound(self, confidence: float) -> float:
         """RMS error that is not exceeded with this probability, by the normal distribution: of
-        chance in the codes and the noise, and of what the formulas are off by."""
+        chance in the codes and the noise, and of the error of the formulas."""
         spread = float(np.hypot(_UNSURE, np.sqrt(0.5 / self.cells)))
         return self.error * max(0.0, 1.0 + NormalDist().inv_cdf(confidence) * spread)
 
 
 @dataclass(frozen=True)
 class PhotoCodes:
-    """How a goal is to be photographed, as far as the error of one exposure goes by it.
+    """How a goal is to be photographed, as far as the error of one exposure depends on it.
 
-    count : codes. lit_s : for how long they are shown in all, dark times and guards not counted.
-    split : whether each exposure has codes of its own. guided : whether codes keep cells apart by a
-    prior.
+    count : of codes. lit_s : time for which they are shown in all, without dark times and guards.
+    split : whether each exposure has codes of its own. guided : whether a prior keeps cells apart.
     """
 
     goal: str
@@ -196,11 +197,11 @@ class PhotoCodes:
 def predict_error(
     codes: PhotoCodes, light: SceneLight, setting: RigSetting, iso: int
 ) -> PredictedError:
-    """The error of an answer by one exposure of its codes, which the planner compares plans by
+    """The error of an answer from one exposure of its codes, by which the planner compares plans
     (`pdcd.planning.choose`).
 
-    codes : of a goal of `PREDICTED_GOALS`. Metering is taken to find the light it wants, as far as
-    the widest aperture goes before a scene whose light is known.
+    codes : of a goal of `PREDICTED_GOALS`. Metering is taken to reach the light it wants, as far as
+    the widest aperture allows if the light of the scene is known.
     """
     direct, indirect = light.direct, light.indirect
     pictures = {"white": direct + indirect, "indirect": indirect, "direct": direct}
@@ -234,7 +235,7 @@ def _indirect_error(codes: PhotoCodes, light: SceneLight) -> float:
 
 
 def _kept_error(codes: PhotoCodes, light: SceneLight, signal: float) -> float:
-    """The same in direct light and a share p of the indirect light, which are `signal`."""
+    """The same in direct light and a share p of the indirect light, whose RMS is `signal`."""
     p = codes.p
     if codes.family in COINS:
         variance = (1.0 - p) * (light.squares + signal**2 / p) / codes.count
@@ -243,7 +244,7 @@ def _kept_error(codes: PhotoCodes, light: SceneLight, signal: float) -> float:
 
 
 def _path_variance(codes: PhotoCodes, light: SceneLight) -> float:
-    """Variance of the paths to a cell in a picture of weight 1, of codes that light all alike."""
+    """Variance of the paths to a cell in a picture of weight 1, by codes that light all alike."""
     cells, columns = codes.grid[0] * codes.grid[1], max(codes.count - 1, 1)
     if codes.family != "hadamard":
         return light.squares / columns
@@ -254,8 +255,8 @@ def _path_variance(codes: PhotoCodes, light: SceneLight) -> float:
 def _photo_noise(
     picture: Floats, most_s: float, setting: RigSetting, iso: int, exposure_s: float
 ) -> float:
-    """RMS noise of one photo of a picture (cells, 3), its brightest sample metered, in the unit of
-    the picture. most_s : of the picture's light, at most."""
+    """RMS noise of one photo of a picture (cells, 3), with its brightest sample metered, in the
+    unit of the picture. most_s : longest time for which the picture's light is gathered."""
     config, profile = setting.config, setting.profile
     picture = weigh_colours(picture, setting.camera.colours)
     light = picture * setting.camera.responsivity_e

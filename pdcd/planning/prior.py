@@ -1,4 +1,4 @@
-"""What is said to be known of a scene before the first photo: a prior, as a request names it.
+"""What is taken to be known of a scene before the first photo: a prior, as a request names it.
 
 ======================  ============================================================
 a file, or its name     a transport matrix over the rig's cells, stored as scenes are
@@ -6,7 +6,7 @@ a file, or its name     a transport matrix over the rig's cells, stored as scene
 ``decay:CELLS``         light that falls off as ``exp(-d / CELLS)`` with the distance d
 ======================  ============================================================
 
-Only what is large beside the rest matters, not the unit.
+Only the strength of paths relative to the rest matters, not the unit.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from pdcd.virtual.scene.presets import find_builder, list_presets
 from pdcd.virtual.scene.scene import Scene
 
 MOST_PRIOR_CELLS = 6144
-"""Cells beyond which the paths between all pairs of them, 300 MB here, are too many to hold."""
+"""Most cells: the paths between all pairs of them take 300 MB."""
 _FAINT = 1e-3
 """Share of the strength between neighbours below which a decay counts as none."""
 _FORMS = "give an .npz file with a transport matrix, scene:NAME or decay:CELLS"
 PRIOR_GRID = "prior.grid"
-"""Beside the transport "prior", the array [[rows, columns]] of its own grid."""
+"""Key of the array [[rows, columns]] of the grid of the transport matrix "prior"."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class GivenPrior:
 
     name : what it is, for people.
     links : sparse CSR (N, N) float64, strength of the paths from cell to cell, 0 on the diagonal.
-    scene : a scene to foresee photos of; None for a decay, which knows no direct light.
+    scene : a scene to predict photos of; None for a decay, which has no direct light.
     """
 
     name: str

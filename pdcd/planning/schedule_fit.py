@@ -1,4 +1,4 @@
-"""Which refreshes keep the codes of a bench apart: by the mask's lag, and the panels' times."""
+"""Which refreshes keep the codes of a bench apart, given the mask's lag and the panels' times."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ RANGES = ("long-range", "short-range")
 _FIELD_POINTS = 9
 """Points a side of the field at which the panels' rows are compared."""
 _JITTERS = 4.0
-"""Standard deviations of jitter that a lag must stay away from the ends of what is tolerated."""
+"""Standard deviations of jitter that a lag must stay within what a schedule tolerates."""
 QUIET = 0.005
-"""Share of a code's light in its neighbours at which a schedule is as good as any."""
+"""Share of a code's light in its neighbours below which schedules count as equally good."""
 _FAR_QUIET = 0.0005
-"""The same for far light: each of its paths shines through the mask in so few codes that what is
-left of one code in the next counts a hundred times as much."""
+"""The same for far light: each of its paths goes through the mask in so few codes that the rest of
+one code in the next counts a hundred times as much."""
 BY_COST: tuple[ScheduleName, ...] = ("lag", "lead", "full", "wide")
-"""Schedules of two refreshes, of three and of four under which the projector is always lit: light
-from all rows counts alike then, whenever these are set, of which a calibration tells no more than
-the difference between both panels."""
+"""Schedules of two, three and four refreshes under which the projector is always lit. Light from
+all rows then counts alike, whenever each row is set; a calibration measures only the difference of
+these times between both panels."""
 
 
 @dataclass(frozen=True)
 class CodeSlot:
-    """What one code takes: refreshes of a schedule, the dark time after each, and all of it, s."""
+    """Time of one code: refreshes of a schedule, the dark time after each, and the whole, s."""
 
     schedule: ScheduleName
     dark_s: float
@@ -66,7 +66,7 @@ def is_lag_needed(request: CaptureRequest, config: Config) -> bool:
 def resolve_dark_s(
     request: CaptureRequest, config: Config, mask_lag_s: float | None
 ) -> float | None:
-    """For how long both panels are black after each row, where that keeps codes apart, s; None:
+    """Time for which both panels are black after each row, if that keeps codes apart, s; None if
     refreshes do. "auto" takes a dark time where the panels can and it is shorter than a row.
 
     Raises RequestError where it is asked for and the panels cannot.
@@ -89,9 +89,9 @@ def resolve_dark_s(
 def choose_dark_s(config: Config, mask_lag_s: float) -> float:
     """The shortest dark time that keeps the light of a row from the mask of the next, s.
 
-    It is as long as the mask is late or early, at the worst row of pixels, by four standard
-    deviations of jitter; and until what a slow panel still shows is less than `QUIET` of a row's
-    light.
+    It is as long as the mask is late or early, at the worst row of pixels, plus four standard
+    deviations of jitter, plus the time until what a slow panel still shows is less than `QUIET` of
+    a row's light.
     """
     projector, mask = config.projector, config.mask
     jitter_s = _JITTERS * math.hypot(projector.jitter_s, mask.jitter_s)
@@ -113,7 +113,7 @@ def choose_schedule(
     asked : True is "full" and False "none", as names of `SLOTS`, or "auto"; "dark" is settled
         before (`resolve_dark_s`).
     mask_lag_rows : lag of the mask in rows, negative where it leads; None where it is not known,
-        and "auto" then trusts in nothing but "full".
+        so that "auto" is "full".
     jitter_rows : its standard deviation from refresh to refresh.
     """
     if asked is True:
@@ -147,8 +147,8 @@ def list_tolerant_schedules(
 
 
 def convert_lag_to_rows(config: Config, mask_lag_s: float | None) -> tuple[float | None, float]:
-    """Lag of the mask and its jitter in rows of frames, as `list_tolerant_schedules` takes them:
-    that of the middle of all rows of pixels; how far the others are from it counts as jitter."""
+    """Lag of the mask and its jitter in rows of frames, for `list_tolerant_schedules`: the lag of
+    the middle of all rows of pixels; the deviation of the others from it counts as jitter."""
     jitter_s = math.hypot(config.projector.jitter_s, config.mask.jitter_s)
     first_s, last_s = scan_out_lags_s(config)
     jitter_s += 0.5 * (last_s - first_s) / _JITTERS
@@ -160,7 +160,7 @@ def convert_lag_to_rows(config: Config, mask_lag_s: float | None) -> tuple[float
 def scan_out_lags_s(config: Config) -> tuple[float, float]:
     """Least and largest lag of the mask over the field that scan-out adds to `skew_s`, in seconds.
 
-    Rows of a panel are set one after the other; where it lies decides which of them meet.
+    Rows of a panel are set one after the other; the panel's place decides which of them meet.
     """
     if not config.projector.scan_s and not config.mask.scan_s:
         return 0.0, 0.0
@@ -185,9 +185,9 @@ def find_quietest_schedule(
     config: Config, mask_lag_s: float | None, quiet: float = QUIET
 ) -> ScheduleName:
     """The schedule of the fewest refreshes that lets no more than `quiet` of a code's light into
-    its neighbours; where none does, the best.
+    its neighbours; if none does, the best one.
 
-    Where the lag is not known, as `choose_schedule` has it.
+    Where the lag is not known, the one of `choose_schedule`.
     """
     if mask_lag_s is None:
         return choose_schedule("auto", *convert_lag_to_rows(config, mask_lag_s))

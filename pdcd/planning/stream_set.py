@@ -1,4 +1,4 @@
-"""What a stream photographs: the capture whose parts it takes in turn, over and over."""
+"""What a stream photographs: a capture, whose parts it takes in turn, over and over."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from pdcd.protocol.stream import StreamRequest
 from pdcd.recipes.parts import FEWEST_PARTS
 
 _CODES = 32
-"""Codes of each photo, where nobody says."""
+"""Codes of each photo, where the request does not say."""
 _MEANT_FOR_PHOTOS = ("error", "confidence", "seconds", "until_error", "keep_raw", "out")
-"""Fields that say how a single run is planned, or what becomes of it."""
+"""Fields about how a single run is planned, or what becomes of it."""
 
 
 def make_set_request(request: StreamRequest) -> CaptureRequest:
-    """The capture that a stream begins with, and of whose parts it takes one photo after the other.
+    """The capture that a stream begins with, and whose parts it then photographs one by one.
 
-    There is no pilot where nobody asks for one: what moves has no paths to learn. Called by the
-    engine, and by whoever is to refuse a request before the rig is taken. Raises RequestError.
+    There is no pilot unless asked for: a moving scene has no fixed paths to learn. Called by the
+    engine, and by whoever may refuse a request before the rig is taken. Raises RequestError.
     """
     default = CaptureRequest(goal=request.goal)
     odd = [n for n in _MEANT_FOR_PHOTOS if getattr(request, n) != getattr(default, n)]
