@@ -3,18 +3,18 @@
 Both need many photos through an open mask, one RAW file each.
 
 *Multi-image*: photo k is ``T i_k`` for code k, and is masked in software. The paper's appendix adds
-up ``(1 - i_k) * T i_k``, which looks at a pixel only while its own cell is dark, in half of the
-photos. Here a line is fitted to each pixel's photos over its own code instead, which takes all of
-them: its slope is the direct light, by signed weights, and twice its value at 0 is the indirect.
-With codes that light all cells equally often the latter is the paper's sum again; with random ones
-the paper's sum has a further error, as its cells are dark unequally often.
+up ``(1 - i_k) * T i_k``, which uses a pixel only while its own cell is dark, in half of the photos.
+Here a line is fitted to each pixel's photos over its own code instead, which uses all of them: its
+slope is the direct light, by signed weights, and twice its value at 0 is the indirect. With codes
+that light all cells equally often the latter is the paper's sum again; with random ones the paper's
+sum has a further error, as its cells are dark unequally often.
 
 *Checkers* (Nayar, Krishnan, Grossberg and Raskar 2006): half of the cells are lit, in a checker
 that moves. Where a cell is lit, a photo holds its direct light and half of the indirect; where it
 is dark, half of the indirect. So ``direct = max - min`` and ``indirect = 2 min`` over the photos.
 This assumes that indirect light is smooth: that it comes from so many cells that half of them are
-lit under every checker. A mirror that lights a cell from one other cell breaks it, and then the
-answer may be wrong by all of that light.
+lit under every checker. A mirror that lights a cell from one other cell breaks this assumption, and
+then the answer may be wrong by all of that light.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ def fit_weights(bits: Bools, *, direct: float, indirect: float) -> Floats:
 
     For each cell, over its own code i_k: photo = indirect / 2 + direct * i_k, all other cells being
     lit half of the time. The direct weights are signed and add up to 0, so ambient light and all
-    that the photos have in common drop out. What is left of other cells has the variance
-    ``Q_n / (K - 1)`` in direct light and ``2 Q_n / (K - 1)`` in indirect light for random codes,
-    Q_n being the sum of their squared transport (eq. 7 of the paper has Q_n / K), and none of the
-    term ``S_n^2 / K`` of the masked sum, S_n being their sum. It is 0 for Hadamard codes with more
-    codes than cells. Cells that are lit never or always cannot be told apart from the others; their
+    that the photos have in common drop out. For random codes, what is left of other cells has the
+    variance ``Q_n / (K - 1)`` in direct light and ``2 Q_n / (K - 1)`` in indirect light, where Q_n
+    is the sum of their squared transport (eq. 7 of the paper has Q_n / K). It has none of the term
+    ``S_n^2 / K`` of the masked sum, S_n being their sum. It is 0 for Hadamard codes with more codes
+    than cells. Cells that are lit never or always cannot be separated from the others; their
     weights are 0.
 
     Indirect light as an ordinary photo less the direct light would have half of that variance for
@@ -82,10 +82,10 @@ def fit_weights(bits: Bools, *, direct: float, indirect: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class CodeMixture:
-    """Codes as quads saw them that see several cells, summed up over the K photos: (h, w) each.
+    """Codes as seen by quads that see several cells, summed over the K photos: (h, w) each.
 
-    codes, squares : sums of the lit share of what a quad sees, and of its square. dark : photos in
-    which all of it was dark.
+    codes, squares : sums of the lit share of what a quad sees, and of its square. dark : number of
+    photos in which all of it was dark.
     """
 
     count: int
@@ -102,8 +102,8 @@ class MaskedWeights:
         return compute_masked_weights(bits)
 
     def mixed(self, lit: Floats, all_photos: CodeMixture) -> Floats:
-        """Weights in one photo of quads of which the share `lit` was: only where all was dark, and
-        as much in all as if it were half of the photos."""
+        """Weights in one photo of quads of which the share `lit` was lit. Only photos in which all
+        was dark count, scaled as if they were half of the photos."""
         half = 0.5 * all_photos.count
         whole = np.divide(half, all_photos.dark, out=np.zeros_like(lit), where=all_photos.dark > 0)
         return np.where(lit < ALL_DARK, whole, 0.0)
@@ -121,8 +121,8 @@ class FittedWeights:
         return fit_weights(bits, direct=self.direct, indirect=self.indirect)
 
     def mixed(self, lit: Floats, all_photos: CodeMixture) -> Floats:
-        """Weights in one photo of quads of which the share `lit` was: by a line through the photos
-        over that share."""
+        """Weights in one photo of quads of which the share `lit` was lit: by a line through the
+        photos over that share."""
         count = all_photos.count
         mean = all_photos.codes / count
         spread = all_photos.squares - count * mean**2

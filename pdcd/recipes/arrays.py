@@ -1,6 +1,6 @@
 """Arrays of a request by the name of their field, and the goal that is made of them.
 
-No file is opened here: who takes the request reads them first (`pdcd.planning.given`).
+No file is opened here: whoever takes the request reads them first (`pdcd.planning.given`).
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from pdcd.protocol.request import CaptureRequest, NumberRows, SentArray
 from pdcd.recipes.goals import MATRICES, PLANE_FIELDS, Target, check_target
 
 Given = Mapping[str, Floats]
-"""Arrays by the request's field, read and finite, float64: (rows, columns), but for codes."""
+"""Arrays by the request's field, read and finite, float64: (rows, columns), except for codes."""
 
 NO_ARRAYS: Given = MappingProxyType({})
 
 MOST_ELEMENTS = 6144**2
-"""Numbers in the largest array that is taken; 300 MB here. Pairs of cells of 64 x 96 cells."""
+"""Most numbers in an array, 300 MB: all pairs of cells of 64 x 96 cells."""
 _MOST_CODE_LEVELS = 2**24
-"""Levels in both arrays of a request's own codes; 128 MiB here. 2700 codes of 48 x 64 cells."""
+"""Most levels in both arrays of a request's own codes, 128 MiB: 2700 codes of 48 x 64 cells."""
 _FEWEST_ELEMENTS = 2**16
-"""Numbers that are read of any array, so that one of a wrong shape is refused by its shape."""
+"""Numbers that are read of any array, so that one of a wrong shape is refused because of it."""
 
 
 def count_most_elements(name: str, grid: tuple[int, int]) -> int:

@@ -1,8 +1,8 @@
-"""How large the numbers of a goal may be: what a grid can mean, and what arithmetic can bear.
+"""How large the numbers of a goal may be: what makes sense on a grid, and what arithmetic allows.
 
-Checked before any work is done and anything is allocated. What a number has to be besides (odd,
-positive, a multiple of 4) is in `pdcd.recipes.goals`; what no grid can mean is refused by the type
-of the request.
+Checked before any work is done and anything is allocated. Other conditions on a number (odd,
+positive, a multiple of 4) are in `pdcd.recipes.goals`; what makes sense on no grid is refused by
+the type of the request.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from pdcd.errors import RequestError
 from pdcd.protocol.plan_summary import Goal
 
 _LEAST_P = 1.0 / 65536
-"""Least share of codes to light a cell in: once in the largest number of codes there is."""
+"""Least share of codes in which a cell is lit: once in the largest number of codes there is."""
 WEIGHTS = 1e-6, 1e6
-"""Between these lies the largest weight of a mix, a kernel or a matrix. Only ratios of weights
-matter, and these leave room for sums and squares of them."""
+"""Bounds of the largest weight of a mix, a kernel or a matrix. Only ratios of weights matter, and
+these bounds leave room for sums and squares of them."""
 
 
 def check_bounds(
     goal: Goal, grid: tuple[int, int], matrices: Mapping[str, NDArray[np.float64]]
 ) -> None:
-    """Refuse numbers beyond what a grid of (rows, columns) can mean. Raises RequestError, which
+    """Refuse numbers that make no sense on a grid of (rows, columns). Raises RequestError, which
     names the limit.
 
     `matrices` are the goal's kernel and matrix, by name; of any shape.

@@ -1,9 +1,9 @@
 """How the parts of a wanted matrix are photographed, each in its best way.
 
 Even light needs no codes: few pairs of blocks are exact. Even light with one matched cell each is
-a photo of codes with partners, as the goals indirect and fraction are, for any warp. A near band is
-what a photo of far light leaves. Other matched cells, and what nothing explains, are sums over
-signed codes (eq. 9), which err in proportion to their own weights only.
+a photo of codes with partners, as for the goals indirect and fraction, for any warp. A near band is
+what a photo of far light leaves of all light. Other matched cells, and the unexplained rest, are
+sums over signed codes (eq. 9), whose errors are in proportion to their own weights only.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ from pdcd.recipes.recipe import Combination
 from pdcd.recipes.structure import Structure, find_nearest_product, find_structure
 
 _FEW_ROWS = 8
-"""Different rows of a matrix that are exact blocks before anything else is looked for: few blocks
-leave each path more light than codes do."""
+"""Number of different rows of a matrix up to which it is photographed as exact blocks before
+anything else is tried: few blocks leave each path more light than codes do."""
 _FEW_SIDES = 16
 """Rank of a rest up to which it is photographed exactly."""
 _MOST_LINES = 4
-"""Matches that are told one by one."""
+"""Most matches that are listed one by one."""
 _ORDER = {"matched": 1, "coded": 2}
-"""Photos by which speaks for the codes of an answer; the last one does."""
+"""Photos whose codes represent those of an answer; the last one does."""
 _EQUAL = 1e-6
-"""Weights closer than that, over the larger, are equal."""
+"""Relative difference up to which weights are equal."""
 
 
 def compose_matrix(maker: RecipeMaker, codes: int) -> Combination:
-    """Photos of any matrix A, taken apart (`pdcd.recipes.structure`), and the sum that is A."""
+    """Takes any matrix A apart (`pdcd.recipes.structure`): its photos, and the sum that is A."""
     matrix = maker.target.matrices["matrix"]
     if _blocks(maker, matrix, min(_FEW_ROWS, codes)):
         return ((1.0, "relit"),)
@@ -59,7 +59,7 @@ def compose_matrix(maker: RecipeMaker, codes: int) -> Combination:
         return _Composition(maker, found, codes).terms()
     if _blocks(maker, matrix, codes) or _product(maker, "relit", matrix, codes):
         return ((1.0, "relit"),)
-    # With as many codes as cells signed ones count everything right.
+    # With as many codes as cells, signed codes are exact.
     if codes < maker.target.cells:
         found = find_nearest_product(matrix, maker.target.grid)
     if found.found:
@@ -72,8 +72,8 @@ def compose_matrix(maker: RecipeMaker, codes: int) -> Combination:
 
 
 def _blocks(maker: RecipeMaker, matrix: Floats, most: int) -> bool:
-    """A photo of a matrix with few different rows and no negative weights, exactly, if it is one:
-    of each row, all cells that have it."""
+    """Adds an exact photo of a matrix with few different rows and no negative weights, if it is
+    one: each block is a row and all cells that have it."""
     few = find_distinct_rows(matrix, most) if matrix.min() >= 0.0 else None
     if few is None:
         return False
@@ -87,7 +87,7 @@ def _blocks(maker: RecipeMaker, matrix: Floats, most: int) -> bool:
 
 
 def _product(maker: RecipeMaker, name: str, matrix: Floats, codes: int) -> bool:
-    """A photo of a matrix of low rank, exactly, if it is one."""
+    """Adds an exact photo of a matrix of low rank, if it is one."""
     sides = factor_matrix(matrix, codes // 2)
     if sides is None:
         return False
@@ -103,14 +103,14 @@ def _sides(
     parts: list[tuple[float, MatrixPart]],
     share: float,
 ) -> None:
-    """A photo of ``camera.T @ projector``, (r, N) each, exactly, which is what `parts` are; in one
-    exposure if sides without negative weights are found."""
+    """Adds an exact photo of ``camera.T @ projector``, (r, N) each, which is what `parts` add up
+    to; in one exposure if sides without negative weights are found."""
     rank = len(camera)
     light = np.ones(maker.target.cells) if maker.target.light is None else maker.target.light
     positive = None if _signs(camera, projector) else find_nonnegative_sides(camera, projector)
     if positive is not None:
         seen, lit = positive
-        # Each product as bright as its panels allow: what one side loses the other gains.
+        # Each product is as bright as its panels allow: what one side loses the other gains.
         top = lit.max(axis=1, keepdims=True)
         seen, lit = seen * top, lit / top
         maker.say(f"rank {rank}", share, _exact(rank))
@@ -121,7 +121,7 @@ def _sides(
 
 
 def _signs(camera: Floats, projector: Floats) -> bool:
-    """Whether a product of sides has negative weights, in a look at some of its rows."""
+    """Whether a product of sides has negative weights, judged by some of its rows."""
     some = camera[:, :: max(1, camera.shape[1] // 256)].T @ projector
     return bool(some.min() < -_EQUAL * some.max())
 
@@ -171,8 +171,8 @@ class _Composition:
         self._terms: list[tuple[float, str]] = []
 
     def terms(self) -> Combination:
-        """All photos, and the sum of them that is the matrix; what speaks for the codes comes
-        last."""
+        """All photos, and the sum of them that is the matrix; the photo that represents the codes
+        comes last."""
         found = self._found
         # A band is what far light leaves of all light.
         level = found.level + sum(weight for weight, _ in found.near)
@@ -202,8 +202,8 @@ class _Composition:
         self._terms.append((1.0, name))
 
     def _partners(self, level: float, matches: list[tuple[tuple[float, Indices], float]]) -> float:
-        """Even light with one matched cell each, by codes with partners; which match it was is
-        taken from the list, and what is left of the level is returned."""
+        """Even light with one matched cell each, by codes with partners. The match is removed from
+        the list, and what is left of the level is returned."""
         pick = max(range(len(matches)), key=lambda k: np.count_nonzero(matches[k][0][1] >= 0))
         (weight, partner), share = matches[pick]
         kept = 1.0 + weight / level
@@ -254,7 +254,7 @@ class _Composition:
         gain: Floats | None,
     ) -> float:
         """Matched cells and a share p of the rest: codes lit with that probability, and white light
-        where p is none that they can have."""
+        where there are no codes for that p."""
         p = _lit(kept, self._codes)
         coded = (kept - 1.0) / (1.0 / p - 1.0)
         coded = 1.0 if abs(coded - 1.0) <= _EQUAL else coded
@@ -283,7 +283,7 @@ class _Composition:
         self._even("alike", level, gain)
 
     def _even(self, name: str, weight: float, gain: Floats) -> None:
-        """Even light behind a gain, exactly; it leads what is there already."""
+        """Even light behind a gain, exactly."""
         ones = np.ones(gain.size)
         light = self._maker.lit(self._light)
         wanted = WantedMatrix(
@@ -293,7 +293,7 @@ class _Composition:
         self._terms.append((weight, name))
 
     def _far(self, weight: float, radius: int) -> None:
-        """A band of some weight, as even light, which is counted already, less far light."""
+        """A band of some weight: even light, which is counted already, less far light."""
         maker, name = self._maker, f"far-{radius}"
         share = self._shares.near + (0.0 if self._terms else self._shares.level)
         maker.say(
@@ -340,7 +340,7 @@ class _Composition:
 
 def _lit(kept: float, codes: int) -> float:
     """The share of codes to light a cell in that keeps matched cells `kept` times as much as the
-    others, or somewhat more: the largest one there are Hadamard codes for, else any."""
+    others, or somewhat more: the largest one for which there are Hadamard codes, else any."""
     for half in range(1, 17):
         p = 2.0**-half
         if p * kept <= 1.0 + _EQUAL and can_make_hadamard_codes(codes, p):

@@ -20,11 +20,11 @@ _STRIPES = 4
 """Positions of the stripes of the goal "split"."""
 
 MANY_TAPS = 256
-"""Taps of a kernel from which they are not added up one by one."""
+"""Number of taps of a kernel from which they are not added up one by one."""
 
 
 def _all_but_matched(maker: RecipeMaker, name: str = "coded", light: Floats | None = None) -> None:
-    """A photo of all light but that from the matched cell; cells without one stay closed."""
+    """A photo of all light except that from the matched cell; cells without one stay closed."""
     everything, match = _parts(maker)
     program = CodedProgram(maker.target.partner, True)
     striped = light is not None
@@ -32,7 +32,7 @@ def _all_but_matched(maker: RecipeMaker, name: str = "coded", light: Floats | No
 
 
 def _parts(maker: RecipeMaker) -> tuple[OuterPart, MatchPart]:
-    """All light at the cells that have a partner, and that from the partner."""
+    """All light at the cells that have a partner, and the light from the partner."""
     target = maker.target
     partner = list_partner_cells(target.partner, target.grid)
     there = partner >= 0
@@ -139,7 +139,7 @@ def _short_range(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]
 
 
 def _blocked(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]:
-    """Two exact pairs: all light seen outside A, and all light but B's seen inside A."""
+    """Two exact pairs: all light seen outside A, and all light except B's seen inside A."""
     planes = maker.target.planes
     a, b = planes["region_a"], planes["region_b"]
     light = np.ones(maker.target.cells) if maker.target.light is None else maker.target.light
@@ -186,8 +186,8 @@ def _filtered(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]:
 def _split(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]:
     """Indirect photos under stripes that light half of all cells, moved by a quarter period.
 
-    Light of one sharp path is there under some stripes and not under others; smooth light is half
-    there under all. The mean of all four times 2 has every path, once.
+    Light of one sharp path is there under some stripes and not under others; half of smooth light
+    is there under all. The mean of all four times 2 has every path, once.
     """
     target = maker.target
     period = target.goal.period or 4

@@ -1,10 +1,10 @@
-"""The low-rank part of a matrix, also where some of its entries have nothing to do with it.
+"""The low-rank part of a matrix, even if some of its entries are not part of it.
 
 Light that is kept evenly (a uniform weight, an illumination, regions, few products of two sides) is
 a matrix of low rank. Matched cells and near bands lie on top of it: they change few entries, but
-those by much. So the part is sought that most entries agree with, and the others are not asked.
+those by much. So the low-rank part is fitted to most entries, and the others are ignored.
 
-It is found in a sample of rows and columns and then carried over to all of them, which costs a few
+It is found in a sample of rows and columns and then extended to all of them, which costs a few
 passes over the matrix at most.
 """
 
@@ -17,37 +17,37 @@ from pdcd.arrays import Floats
 _SAMPLE = 192
 """Rows and columns of the sample."""
 _MOST_RANK = 6
-"""Largest rank that is sought; each more is one more product of two sides."""
+"""Largest rank that is tried; each is one more product of two sides."""
 _CELLS_A_RANK = 8
-"""Cells that there must be for each rank: few cells are fitted by anything."""
+"""Least number of cells for each rank: few cells can be fitted by anything."""
 _AGREE = 0.7
 """Share of the entries that must agree with a part."""
 EQUAL_WEIGHTS = 1e-6
-"""Weights that differ by less, over the largest one, are the same: numbers are given in single
-precision, or with a few digits."""
+"""Relative difference, over the largest weight, up to which weights are the same: numbers are given
+in single precision, or with a few digits."""
 _NOISE = 1e-2
-"""Largest deviation, over the largest weight, of the entries that agree with a part, if the numbers
-are noisy."""
+"""Largest deviation, over the largest weight, of the entries that agree with a part, for noisy
+numbers."""
 _ROUNDS = 60
-"""Steps of each fit at most; a few do where few entries disagree."""
+"""Most iterations of each fit; a few are enough where few entries disagree."""
 _BEYOND = 2.0
-"""Deviation, over that which the share `_AGREE` stays within, from which an entry is trusted
-little."""
+"""Deviation, over the one within which the share `_AGREE` stays, from which an entry gets little
+weight."""
 _SLOW = 0.9
-"""Deviation over that of the step before from which a fit gets no better."""
+"""Ratio of successive deviations from which a fit no longer improves."""
 _PATIENCE = 6
-"""Such steps that end it."""
+"""Number of such iterations after which the fit ends."""
 _LEAST = 1e-13
-"""Weight of having no side at all, over that of the entries."""
+"""Regularisation of the least squares, over the weight of the entries."""
 _EXACT = 1e-12
-"""Deviation over the largest weight at which a fit can get no better."""
+"""Deviation over the largest weight at which a fit cannot improve."""
 
 
 def find_even_part(matrix: Floats) -> tuple[Floats, Floats] | None:
     """Sides of the even part of a matrix (N, N): camera and projector, (r, N) each.
 
     Their products add up to it, with r of at most `_MOST_RANK`; r is 0 where most entries are 0.
-    None where no part is agreed with by the share `_AGREE` of all entries.
+    None if no part agrees with the share `_AGREE` of all entries.
 
     The same matrix always gives the same sides.
     """
@@ -62,8 +62,8 @@ def find_even_part(matrix: Floats) -> tuple[Floats, Floats] | None:
     base = _basis(sample, largest)
     if base is None:
         return None
-    # Each column of the matrix in that base, from the rows of the sample; then each row in what
-    # these columns span.
+    # Each column of the matrix in that base, from the rows of the sample; then each row in the
+    # space that these columns span.
     projector = _carried(matrix[rows], base, largest)
     onto, _ = np.linalg.qr(projector[:, columns].T)
     camera = _carried(matrix[:, columns].T, onto, largest)
@@ -74,14 +74,14 @@ def find_even_part(matrix: Floats) -> tuple[Floats, Floats] | None:
 def _basis(sample: Floats, largest: float) -> Floats | None:
     """An orthonormal base (some, r) of the columns of the sample's even part; None: there is none.
 
-    The least rank with which it is exact; of noisy numbers, the least that will do.
+    It has the least rank with which the part is exact, or good enough for noisy numbers.
     """
     noisy = None
     plain = np.linalg.svd(sample)[0]
     base, trust = np.zeros((len(sample), 0)), np.ones(sample.shape)
     for rank in range(1, min(_MOST_RANK, len(sample) // _CELLS_A_RANK) + 1):
-        # One side more, of all that is left: fits that trust few entries must not hide it. Or all
-        # sides anew.
+        # Start with one more side, of all that is left: fits that trust few entries must not hide
+        # it. Or start with all sides anew.
         rest = sample - base @ _asked(sample, base, trust)
         more = np.linalg.svd(rest)[0][:, :1]
         starts = [np.concatenate([base, more], axis=1), plain[:, :rank]]
@@ -95,8 +95,8 @@ def _basis(sample: Floats, largest: float) -> Floats | None:
 
 
 def _fit(sample: Floats, base: Floats, largest: float) -> tuple[Floats, Floats, float]:
-    """A part of the rank of a base (some, r) to begin with: its base, how far each entry is
-    trusted in its column, and by how much those that agree are off, at the worst row or column."""
+    """Fits a part, starting from a base (some, r): its base, the trust in each entry of a column,
+    and the deviation of the entries that agree, in the worst row or column."""
     trust = np.ones(sample.shape)
     off, stuck = np.inf, 0
     for _ in range(_ROUNDS):
@@ -116,9 +116,9 @@ def _fit(sample: Floats, base: Floats, largest: float) -> tuple[Floats, Floats, 
 
 
 def _carried(seen: Floats, base: Floats, largest: float) -> Floats:
-    """Coefficients (r, n) of columns (some, n) in an orthonormal base, by the entries that agree.
+    """Coefficients (r, n) of columns (some, n) in an orthonormal base, from the entries that agree.
 
-    What disagrees is judged for each column on its own.
+    Which entries disagree is decided for each column by itself.
     """
     trust = np.ones(seen.shape)
     for _ in range(_ROUNDS):
@@ -132,20 +132,20 @@ def _carried(seen: Floats, base: Floats, largest: float) -> Floats:
 
 
 def _floor(size: Floats, largest: float) -> Floats:
-    """What most entries of each column are off by, but no less than a fit can reach."""
+    """Deviation of most entries of each column, but no less than a fit can reach."""
     return np.maximum(_agreed_along(size, 0), _EXACT * largest)
 
 
 def _trusted(size: Floats, usual: Floats) -> Floats:
-    """How far entries are trusted that are off by `size`, 0 to 1, where most are by `usual`.
+    """Trust, 0 to 1, in entries that deviate by `size`, where most deviate by `usual`.
 
-    (Geman and McClure's weights: what is far off has no say.)
+    (Geman and McClure's weights: outliers hardly count.)
     """
     return np.asarray((1.0 + (size / (_BEYOND * usual)) ** 2) ** -2.0)
 
 
 def _asked(seen: Floats, base: Floats, trust: Floats) -> Floats:
-    """Least-squares coefficients (r, n) of columns (some, n) in a base, entries by their trust."""
+    """Least-squares coefficients (r, n) of columns (some, n) in a base, weighted by `trust`."""
     rank = base.shape[1]
     if not rank:
         return np.zeros((0, seen.shape[1]))
@@ -153,7 +153,7 @@ def _asked(seen: Floats, base: Floats, trust: Floats) -> Floats:
     grams = (trust.T @ products).reshape(seen.shape[1], rank, rank)
     told = (trust * seen).T @ base
     scale = np.trace(grams, axis1=1, axis2=2)[:, None, None]
-    grams += _LEAST * np.maximum(scale, _LEAST) * np.eye(rank)  # what no entry tells stays 0
+    grams += _LEAST * np.maximum(scale, _LEAST) * np.eye(rank)  # what no entry determines stays 0
     return np.asarray(np.linalg.solve(grams, told[..., None])[..., 0].T)
 
 

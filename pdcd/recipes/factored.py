@@ -3,13 +3,13 @@
 Both are looked for without more work than it takes to see that there are none: a matrix over all
 pairs of cells is large, and most have neither.
 
-Products of two sides without negative weights, exactly: light and masks can show them at once.
+Products of two sides without negative weights are exact: light and masks can show them at once.
 
-A matrix of rank r is ``camera.T @ projector`` in many ways: any square matrix Q of rank r may go
-between the sides. What is sought is one that leaves both without negative entries (footnote 4 of
-the paper, E11). Up to rank 2 there always is one, for a matrix without negative weights; beyond,
-there need not be, and to find one is hard in general. So a few ways are tried, and each is checked:
-the sides that are returned are exact, or there are none.
+A matrix of rank r is ``camera.T @ projector`` in many ways: any invertible r x r matrix Q may go
+between the sides. The aim is one that leaves both sides without negative entries (footnote 4 of the
+paper, E11). Up to rank 2 there always is one, for a matrix without negative weights. Beyond, there
+need not be, and to find one is hard in general. So a few ways are tried, and each is checked: the
+sides that are returned are exact, or none are returned.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from pdcd.arrays import Floats
 _RANK_TOLERANCE = 1e-10
 """Singular values below this share of the largest count as zero."""
 WHOLE_CELLS = 1024
-"""Cells up to which all singular values are computed, in less than a second. Beyond, a sketch
-tells first how many there are: the product with a few random vectors has the same rank."""
+"""Cells up to which all singular values are computed, in less than a second. Beyond, a sketch first
+shows how many there are: the product with a few random vectors has the same rank."""
 _MORE = 8
 """Random vectors beyond the largest rank that is looked for."""
 
@@ -34,7 +34,7 @@ _MORE = 8
 def find_distinct_rows(matrix: Floats, most: int) -> tuple[Floats, NDArray[np.int64]] | None:
     """The different rows of a matrix (N, N), sorted, (D, N), and which of them each row is, (N,).
 
-    None where there are more than `most`; that is seen after as many rows.
+    None where there are more than `most`; this is found after as many rows.
     """
     number: dict[bytes, int] = {}
     first, which = [], np.empty(len(matrix), dtype=np.int64)
@@ -82,24 +82,24 @@ def _sketch(matrix: Floats, most: int) -> Floats | None:
 
 
 _ROUNDING = 1e-9
-"""Negative entries of a side, over its largest, that are rounding and are cut off."""
+"""Negative entries of a side, over its largest, that are rounding errors and are set to 0."""
 _STEPS = 400
 """Steps of the search from one start."""
 _MENDING = 500
-"""Steps that take negative entries from what the search has found."""
+"""Steps that remove negative entries from the result of the search."""
 _STARTS = 3
 """Starts of the search."""
 _MOST_CELLS = 384
-"""Cells of each side that the search looks at; the others are checked afterwards."""
+"""Cells of each side that the search uses; the others are checked afterwards."""
 
 
 def find_nonnegative_sides(camera: Floats, projector: Floats) -> tuple[Floats, Floats] | None:
-    """Sides (r, N) each with the same product, without negative entries; None: none were found.
+    """Sides (r, N) each with the same product, without negative entries; None if none were found.
 
     Both given sides must have full rank.
     """
     for rows in _candidates(camera, projector):
-        # New projector sides `rows`: what mixes them is fixed by what the old ones make of them.
+        # New projector sides `rows`: they determine the mixture of the old ones.
         mix = np.linalg.lstsq(projector.T, rows.T, rcond=None)[0].T
         if np.linalg.cond(mix) > 1.0 / _ROUNDING:
             continue
@@ -115,7 +115,7 @@ def _candidates(camera: Floats, projector: Floats) -> Iterator[Floats]:
     if rank == 1:
         yield projector * np.sign(projector[0, np.argmax(np.abs(projector[0]))])
         return
-    # Rows of the matrix that all others lie between, or the sides for which its columns do.
+    # Rows of the matrix that all others lie between, or the same for its columns.
     yield _corners(camera, projector)
     onto = _corners(projector, camera)
     mix = np.linalg.lstsq(camera.T, onto.T, rcond=None)[0].T
@@ -126,7 +126,7 @@ def _candidates(camera: Floats, projector: Floats) -> Iterator[Floats]:
 
 
 def _corners(camera: Floats, projector: Floats) -> Floats:
-    """The r rows of the matrix that reach furthest from each other, of rows scaled to equal sums
+    """The r rows of the matrix that are furthest from each other, among rows scaled to equal sums
     (successive projection; Araujo and others 2001)."""
     sums = camera.T @ projector.sum(axis=1)
     usable = np.flatnonzero(sums > _ROUNDING * np.abs(sums).max())
@@ -164,7 +164,7 @@ def _searched(camera: Floats, projector: Floats, start: int) -> Floats:
 
 def _mended(mix: Floats, camera: Floats, projector: Floats) -> Floats:
     """A mixture (r, r) near another with less negative entries in both sides: their squares are
-    made small, by steepest ways."""
+    minimised by gradient descent (L-BFGS-B)."""
     # A sixth of what a process for a job loads, and few jobs need it.
     import scipy.optimize
 

@@ -53,8 +53,9 @@ KEEPS: dict[GoalName, str] = {
     "stereo": "direct light from a range of depths",
     "transport": "entries of T itself: a slice between two rows of cells, or all (Fig. 5)",
 }
-"""What each goal keeps. Which parameters it takes stands with each field of `CaptureRequest`. All
-goals but "illuminated" and "relit" may also be taken under an illumination (Table 1, row 7)."""
+"""What each goal keeps. The parameters that it takes are listed with each field of
+`CaptureRequest`. All goals but "illuminated" and "relit" may also be taken under an illumination
+(Table 1, row 7)."""
 
 OFF_AXIS_GOALS = ("keyed", "epipolar", "stereo")
 """Goals of benches whose camera is off the projector's axis."""
@@ -129,7 +130,7 @@ def check_target(target: Target) -> Target:
 
 
 def _check_numbers(target: Target) -> None:
-    """Refuse what `check_bounds` lets pass: it has seen to it that all weights are finite."""
+    """Refuse what `check_bounds` lets pass; it has checked that all weights are finite."""
     goal, grid = target.goal, target.grid
     if goal.radius is not None and goal.radius < 0:
         raise RequestError(f"radius {goal.radius} is negative", hint="count cells from 0")

@@ -1,4 +1,4 @@
-"""Path isolation: one lit and one open cell at a time, the baseline that codes are held against.
+"""Path isolation: one lit and one open cell at a time, the baseline that codes are compared with.
 
 Figure 7 of the paper (left and middle). Any wanted matrix comes out exactly, but each path has the
 light of one slot in very many.
@@ -21,13 +21,13 @@ from pdcd.recipes.recipe import Recipe
 from pdcd.words import FamilyName
 
 ISOLATION_FAMILIES: tuple[FamilyName, ...] = ("isolation", "confocal")
-"""Names under which a request asks for all pairs of cells, or for those that are wanted only."""
+"""Names by which a request asks for all pairs of cells, or only for those that are wanted."""
 
 _MAX_LEVELS = 50_000_000
 """Most levels (pairs times cells) of one panel that are made; bounds the memory."""
 
 _BLOCK = 256
-"""Rows of the wanted matrix looked at together."""
+"""Rows of the wanted matrix that are processed together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Isolation:
         return max(1, sum(int(np.count_nonzero(rows)) for _, rows in _blocks(self.wanted)))
 
     def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
-        """One pair an entry, row by row; `bits` is not looked at."""
+        """One pair an entry, row by row; `bits` is not used."""
         camera, projector, entry = self._entries()
         if not entry.any():  # a single cell has no indirect light
             nothing = np.zeros((1, lattice.lattice_cells), np.bool_)
@@ -91,8 +91,8 @@ def use_path_isolation(recipe: Recipe, family: FamilyName) -> Recipe:
 
 
 def check_isolation(recipe: Recipe, *, slot_s: float, limit_s: float) -> None:
-    """Refuse path isolation of which an exposure would take longer than `limit_s`, or too much
-    memory, before anything large is made; `slot_s` is the time of one pair. Raises RequestError."""
+    """Refuse path isolation if an exposure would take longer than `limit_s`, or too much memory,
+    before anything large is made; `slot_s` is the time of one pair. Raises RequestError."""
     for program in recipe.programs.values():
         if isinstance(program, Isolation):
             _check(program, slot_s, limit_s)

@@ -1,4 +1,4 @@
-"""From a goal, and how it is photographed, to the recipe: the one door for plans and decoding."""
+"""From a goal, and how it is photographed, to the recipe: the one way for plans and decoding."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def make_recipe(target: Target, how: CaptureScheme) -> Recipe:
     Black exposures measure what leaks and are subtracted (limitations L1-L3). Where a pilot leaves
     no codes, the coded photo is made of the pilot's.
 
-    Raises RequestError when the goal cannot be photographed like that.
+    Raises RequestError when the goal cannot be photographed in this way.
     """
     return finish_recipe(make_draft_recipe(target, how), how)
 
 
 def make_draft_recipe(target: Target, how: CaptureScheme) -> Recipe:
-    """The same before family and repetitions are settled: its programs tell what they need."""
+    """The same before family and repetitions are settled: its programs say what they need."""
     return split_into_parts(_whole(target, how), how.parts)
 
 
@@ -119,7 +119,7 @@ def _with_pilot(recipe: Recipe, how: CaptureScheme) -> Recipe:
 
 
 def _pilot_alone(recipe: Recipe) -> Recipe:
-    """The same with the pilot's photos, masked in software, in the place of the coded shot."""
+    """The same with the pilot's photos, masked in software, instead of the coded shot."""
     if recipe.target.goal.name not in ("indirect", "direct"):
         raise RequestError(
             f"a pilot leaves no codes for the goal {recipe.target.goal.name}",
@@ -200,11 +200,11 @@ def _nayar(maker: RecipeMaker) -> Recipe:
 
 
 def narrow_to_shots(recipe: Recipe, names: Container[str]) -> Recipe:
-    """Return the recipe of the photos and pictures that the shots among `names` suffice for.
+    """Return the recipe of the photos and pictures that can be made of the shots among `names`.
 
-    Of a photo in parts, complete ones do; of repeated shots, as many repetitions as all shots of
-    the photo have; and black exposures are done without where one is missing. Its pictures may be
-    none, and the first one need not be the answer.
+    Complete parts suffice for a photo in parts. Of repeated shots, as many repetitions are used as
+    all shots of the photo have. Black exposures are left out where one is missing. There may be no
+    pictures at all, and the first one need not be the answer.
     """
     recipe = select_complete_parts(recipe, names)
     photos = []
@@ -229,7 +229,7 @@ def narrow_to_shots(recipe: Recipe, names: Container[str]) -> Recipe:
 
 
 def _terms(recipe: Recipe, photo: RecipePhoto, names: Container[str]) -> Combination:
-    """What is there of a photo; none where it cannot be made."""
+    """The shots of a photo that are there; none where it cannot be made."""
     if any(name in recipe.sums for _, name in photo.shots):
         return photo.shots if all(name in names for name in recipe.stack) else ()
     shots = {shot.name: shot for shot in recipe.shots}

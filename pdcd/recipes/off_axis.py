@@ -1,9 +1,9 @@
 """The goals of off-axis benches: light kept or blocked by the depth of what it fell on.
 
-`add_keyed` closes the mask at a camera cell whenever any of the projector cells is lit that would
-light it directly at the depths to block (Fig. 11 of the paper): of these nothing can arrive.
-`add_stereo` is white less that. `add_epipolar` tells paths within a row of cells, as all direct
-light is on a rectified bench, from those that change rows.
+`add_keyed` closes the mask at a camera cell whenever a projector cell is lit that would light it
+directly at one of the depths to block (Fig. 11 of the paper): no such light can arrive.
+`add_stereo` is white less that. `add_epipolar` separates paths within a row of cells, which all
+direct light takes on a rectified bench, from those that change rows.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from pdcd.recipes.programs import LevelPairs
 from pdcd.recipes.recipe import Combination, Rule
 
 _LEAST_PERIODS = 4
-"""Least period of a comb over the disparities that it closes the mask for."""
+"""Least period of a comb, over the number of disparities for which it closes the mask."""
 
 
 class FewCodesError(RequestError):
-    """More codes would do."""
+    """The goal needs more codes."""
 
 
 @dataclass(frozen=True, eq=False)
 class KeyedProgram:
     """Mask = complement of the code of each cell's match (0 there, p (1 - p) elsewhere).
 
-    A cell without a match gets the complement of the code that its row has to spare, where codes
-    bring one (`pdcd.codes.lines.make_matched_codes`), else it is open.
+    A cell without a match gets the complement of a spare code of its row, if the codes have one
+    (`pdcd.codes.lines.make_matched_codes`), else it is open.
 
     place : (N, 2) int64, of `pdcd.recipes.partners.find_match_places`.
     """
@@ -61,7 +61,7 @@ class KeyedRangeProgram:
     """Mask = closed while a match of any of W disparities is lit by a comb (0 there, 1 in the rest
     of the row, 1 - W / period elsewhere).
 
-    A match beyond the grid closes it, too, when the comb would be there: so all cells are open
+    A match beyond the grid closes it, too, when the comb would be there. So all cells are open
     equally often, and see equally much of other rows.
     """
 
@@ -79,7 +79,7 @@ class KeyedRangeProgram:
     def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """K pairs; `bits` of `pdcd.codes.lines.make_comb_codes`."""
         place, (rows, cols) = extend_places(self.place, lattice), lattice.shape
-        # Of a match far off, or none: beyond the row, where no real cell is lit at that time.
+        # If a match is far off, or there is none: beyond the row, where no real cell is lit then.
         off = (place[:, 0] < 0) | (place[:, 0] >= rows)
         row = np.where(off, 0, place[:, 0])
         column = place[:, 1]
@@ -118,7 +118,7 @@ class RowProgram:
 
 
 def add_keyed(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]:
-    """All light but that which is direct at some depths."""
+    """All light except direct light at some depths."""
     kept = _keyed(maker, codes)
     if not white:
         return {"keyed": kept}
@@ -127,7 +127,7 @@ def add_keyed(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]:
 
 
 def add_stereo(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]:
-    """Light that is direct at some depths, and what else takes the same paths."""
+    """Direct light at some depths, and other light that takes the same paths."""
     maker.white()
     kept = _keyed(maker, codes)
     less = tuple((-share, name) for share, name in kept)
@@ -145,8 +145,8 @@ def add_epipolar(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]
     if target.goal.keep == "out":
         maker.coded("epipolar", RowProgram(False), (1.0, UniformPart(target.cells)), (-1.0, line))
     else:
-        # Windows that cut cells weigh points of one row otherwise than cells; direct light, which
-        # is nearly all there is in a row, goes from point to point.
+        # Windows that cut cells weigh points of one row differently from cells; direct light, which
+        # is nearly all the light within a row, goes from point to point.
         maker.signed("epipolar", RowProgram, (1.0, line), by_direct=True)
     if not white:
         return {"epipolar": ((1.0, "epipolar"),)}
@@ -155,10 +155,10 @@ def add_epipolar(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]
 
 
 def _keyed(maker: RecipeMaker, codes: int) -> Combination:
-    """The photos whose sum is all but some depths.
+    """The photos whose sum is all light except some depths.
 
-    A comb sees a little less of other rows than of the cell's own; a photo of other rows alone,
-    which has no direct light either, brings that share.
+    A comb sees a little less of other rows than of the cell's own. A photo of other rows alone,
+    which has no direct light either, adds that share.
     """
     target = maker.target
     grid = target.grid
@@ -185,7 +185,7 @@ def _keyed(maker: RecipeMaker, codes: int) -> Combination:
 
 
 def choose_comb_period(codes: int, columns: int, disparities: int) -> int:
-    """Codes in which a comb passes a row: as few as keep all its cells apart from all matches, and
-    then as many as leave the fewest codes over; all of them where those are too few."""
+    """Codes in which a comb passes a row: as few as keep all its cells apart from all matches, then
+    as many as leave the fewest codes unused; all codes where they are too few."""
     least = columns + 1 + disparities
     return codes // max(1, codes // least)

@@ -1,11 +1,10 @@
 """Which projector cell each camera cell is matched with: itself, one at a shift, or any one.
 
-Which projector cell each camera cell of an off-axis bench is matched with, depth by depth.
-
-The match of disparity 0 is that of a plane, by its homography; of a disparity map; of a warp; or
-the cell itself. From there the disparity counts cells to the right along the row of the projector's
-cells, which is the epipolar line of a rectified bench. Matches are places, (row, column), that may
-lie beyond the grid: then nothing lights the camera cell at that depth.
+On off-axis benches the match depends on the depth. The match of disparity 0 is given by a plane,
+through its homography; by a disparity map; by a warp; or it is the cell itself. From there the
+disparity counts cells to the right along the row of the projector's cells, which is the epipolar
+line of a rectified bench. Matches are places, (row, column), that may lie beyond the grid: then
+nothing lights the camera cell at that depth.
 """
 
 from __future__ import annotations
@@ -32,20 +31,20 @@ from pdcd.recipes.programs import (
 )
 
 Partner = Indices | tuple[int, int] | None
-"""Of all cells: (N,) with -1 for none; a shift (down, right); or None, the cells themselves."""
+"""For all cells: (N,) with -1 for none; a shift (down, right); or None, the cells themselves."""
 
 PARTNER_GUARD_CELLS = 3
 """Cells around a camera cell whose light must not meet the code of its partner. Partners no further
-off than that are kept apart from these by their distance."""
+away than that are kept apart from these cells by their distance."""
 _OWN = 4.0
-"""Light of the cell itself over that of the cell beside it; further off it falls with the square of
-the distance."""
+"""Light of the cell itself over that of the cell beside it; further away light falls with the
+square of the distance."""
 
 
 def describe_partners(cells: Indices, grid: Grid) -> Partner:
-    """The shortest way to say which partner each cell has, (N,): a shift or None where it is one.
+    """The shortest description of the partner of each cell, (N,): a shift or None if it is one.
 
-    Codes over a lattice larger than the grid know how to go on with a shift.
+    A shift can be continued in codes over a lattice larger than the grid.
     """
     here = np.flatnonzero(cells >= 0)
     if not here.size:
@@ -65,7 +64,7 @@ def list_partner_cells(partner: Partner, grid: Grid) -> Indices:
 
 
 def list_distant_partners(program: Program, grid: Grid) -> tuple[Indices | tuple[int, int], ...]:
-    """Partners in a program of codes that lie away from the cells themselves."""
+    """Partners in a program of codes that lie far from the cells themselves."""
     inner = find_inner_program(program)
     found: list[Partner] = []
     if isinstance(inner, CodedProgram):
@@ -78,7 +77,7 @@ def list_distant_partners(program: Program, grid: Grid) -> tuple[Indices | tuple
 
 
 def _furthest(partner: Indices | tuple[int, int], grid: Grid) -> int:
-    """Cells, in rows or columns, between a cell and its partner, at the most."""
+    """Largest distance, in rows or columns, between a cell and its partner."""
     if isinstance(partner, tuple):
         return max(map(abs, partner))
     n = np.flatnonzero(partner >= 0)
@@ -93,7 +92,7 @@ def link_partners(
     """Which code cells of a lattice must not share a column, where the mask shows each cell its
     partners' codes: symmetric (L, L), for `colour_lattice`; None without partners.
 
-    Such a code is counted wrong with the light of all cells that share it. The strongest light
+    Such a code counts light of all cells that share it with a wrong weight. The strongest light
     comes from the cell itself and from those around it, wherever the partners lie.
     """
     if not partners:
@@ -120,7 +119,7 @@ def link_partners(
 NO_MATCH = -(2**40)
 """Row and column of a camera cell that has no match at any depth."""
 _SOURCES = ("plane", "disparities", "warp")
-"""What tells the match of disparity 0; one of them at most."""
+"""Sources of the match of disparity 0; one of them at most."""
 
 
 def find_match_places(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> Indices:
@@ -151,7 +150,7 @@ def find_match_places(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> I
 
 
 def check_depths(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> None:
-    """Refuse depths that no cell can have, or that are told twice. Raises RequestError."""
+    """Refuse depths that no cell can have, or that are given twice. Raises RequestError."""
     told = [name for name in _SOURCES if name in planes or getattr(goal, name, None) is not None]
     if len(told) > 1:
         raise RequestError(
@@ -169,7 +168,7 @@ def check_depths(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> None:
         )
     place = planes.get("disparities")
     if place is not None and (place.size != grid[0] * grid[1] or not np.isfinite(place).all()):
-        return  # what is wrong with an array is said where all of them are checked
+        return  # faults of an array are reported where all of them are checked
     if "warp" in planes or goal.name == "epipolar":
         return
     found = find_match_places(goal, grid, planes)
@@ -181,7 +180,8 @@ def check_depths(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> None:
 
 
 def find_matched_cells(place: Indices, disparity: int, shape: Grid) -> Indices:
-    """Cells of a grid at places (n, 2), so many to the right: (n,) int64, -1 beyond the grid."""
+    """Cells of a grid `disparity` cells to the right of places (n, 2): (n,) int64, -1 beyond the
+    grid."""
     row, col = place[:, 0], place[:, 1] + disparity
     inside = (row >= 0) & (row < shape[0]) & (col >= 0) & (col < shape[1])
     return np.where(inside, row * shape[1] + col, -1)
@@ -194,5 +194,5 @@ def extend_places(place: Indices, lattice: Lattice) -> Indices:
 
 
 def _cell(place: Floats) -> Indices:
-    """Number of the cell that a place in cells lies in; of far ones only that they are far."""
+    """Number of the cell that a place in cells lies in; far places are only kept far."""
     return np.floor(np.clip(place, -1e9, 1e9)).astype(np.int64)

@@ -1,11 +1,12 @@
 """A coded photo in several exposures with codes of their own: its parts.
 
 Each part alone is a photo of the same wanted matrix from fewer codes. The photo is the sum of all
-parts, which is what one exposure of all their codes would have been; their differences show the
-error that the codes make, which nothing else on a real rig can show.
+parts, which is what one exposure of all their codes would have been. Their differences show the
+error of the codes, which nothing else on a real rig can show.
 
-Beside them: equal exposures whose sum is less noisy, complement pairs (the same codes twice, before
-the mask's codes and before their complement), and codes that come after others which do not count.
+Other multiple exposures are here, too: equal exposures whose sum is less noisy, complement pairs
+(the same codes twice, with the mask's codes and with their complement), and codes that replace
+earlier ones which do not count.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from pdcd.recipes.programs import CodedProgram
 from pdcd.recipes.recipe import Recipe, RecipePhoto, Rule, Shot
 
 FEWEST_PARTS = 4
-"""Parts from which on their spread says more than a model of the scene does."""
+"""Number of parts from which their spread is a better estimate than a model of the scene."""
 
 
 def split_into_parts(recipe: Recipe, parts: int) -> Recipe:
@@ -65,7 +66,7 @@ def split_into_parts(recipe: Recipe, parts: int) -> Recipe:
 
 def check_parts(request: CaptureRequest) -> int:
     """Number of parts asked for, 1 where that is left open (`pdcd.planning.defaults` settles it
-    before). Raises RequestError for a target that they cannot measure."""
+    earlier). Raises RequestError for a target error that so few parts cannot measure."""
     parts = request.parts if isinstance(request.parts, int) else 1
     if request.until_error is not None and parts < FEWEST_PARTS:
         raise RequestError(
@@ -81,7 +82,7 @@ def list_parts(recipe: Recipe) -> tuple[int, ...]:
 
 
 def select_parts(recipe: Recipe, wanted: Container[int]) -> Recipe:
-    """Return the recipe of the photos that some parts alone make, with all that is not split."""
+    """Return the recipe of the photos of some parts alone, with all that is not split."""
     shots = tuple(shot for shot in recipe.shots if not shot.part or shot.part in wanted)
     names = {shot.name for shot in shots}
     photos = tuple(
@@ -94,7 +95,7 @@ def select_parts(recipe: Recipe, wanted: Container[int]) -> Recipe:
 def select_complete_parts(recipe: Recipe, names: Container[str]) -> Recipe:
     """Return the recipe of the parts of which every shot is among `names`.
 
-    All parts if none of them is complete, as then there is no photo yet.
+    If no part is complete all parts are kept, as then there is no photo yet.
     """
     complete = [
         part
@@ -105,7 +106,7 @@ def select_complete_parts(recipe: Recipe, names: Container[str]) -> Recipe:
 
 
 def derive_part_seed(seed: int, parts: int, part: int) -> int:
-    """Seed of one part's codes: its own among all parts of all seeds; `seed` itself of a whole."""
+    """Seed of one part's codes, different for all parts of all seeds; of a whole, `seed`."""
     return seed * parts + max(part - 1, 0)
 
 
@@ -114,7 +115,7 @@ def randomise_signs(bits: NDArray[np.bool_], seed: int) -> NDArray[np.bool_]:
 
     Hadamard codes give cells that share a column opposite signs where they are neighbours. The
     error that this leaves is small but the same in all parts, so that their spread would not show
-    it. With coins the parts err to both sides, and their mean less than each.
+    it. With coins the errors of parts differ in sign, and their mean is smaller than each.
     """
     coins = np.random.Generator(np.random.PCG64([seed, 1])).random(bits.shape[1]) < 0.5
     return bits ^ coins
@@ -148,7 +149,7 @@ def _part(shot: Shot, part: int, by_name: Mapping[str, Shot]) -> Shot:
 
 
 def repeat_shots(recipe: Recipe, count: int) -> Recipe:
-    """The same recipe with every shot that the answer rests on taken `count` times.
+    """The same recipe with every shot that the answer is made of taken `count` times.
 
     A photo is then the sum of all its exposures. Shots of single codes (a pilot) and photos that
     are only shown beside the answer stay single.
@@ -180,17 +181,16 @@ def _copies(name: str, count: int) -> list[str]:
 
 
 FLOODLIT = "floodlit"
-"""The photo and picture of a white shot, beside the white picture of a pair."""
+"""The photo and picture of a white shot, in addition to the white picture of a pair."""
 _KNOWN = ("indirect", "direct")
 """Goals that a pair of exposures answers."""
 
 
 def make_pairs_recipe(maker: RecipeMaker, white: bool, buckets: int = 1) -> Recipe:
-    """Two exposures for direct, indirect and all light; and with `white` a floodlit shot to hold
-    their sum against.
+    """Two exposures for direct, indirect and all light; and with `white` a floodlit shot to compare
+    their sum with.
 
-    A sensor of two buckets takes both at once. Raises RequestError for goals that are more than
-    that.
+    A sensor of two buckets takes both at once. Raises RequestError for other goals.
     """
     target = maker.target
     if target.goal.name not in _KNOWN or target.light is not None:
@@ -230,7 +230,7 @@ def make_pairs_recipe(maker: RecipeMaker, white: bool, buckets: int = 1) -> Reci
 
 
 LATE = "-late"
-"""What the names of such shots end in."""
+"""Suffix of the names of such shots."""
 
 
 def rename_shots(recipe: Recipe) -> Recipe:

@@ -2,7 +2,7 @@
 
 A program turns the code bits i (K, L) of a family into P pairs of patterns. The outer products of
 its pairs add up to what its docstring says. Light cannot be negative: a program of signed values
-comes as two shots whose difference is wanted (eq. 10 of the paper).
+has two shots whose difference is wanted (eq. 10 of the paper).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Program(Protocol):
 
     @property
     def coded(self) -> bool:
-        """Whether `pairs` looks at the bits."""
+        """Whether `pairs` uses the bits."""
         ...
 
     @property
@@ -57,7 +57,7 @@ class BlockProgram:
     p: float = 0.5
 
     def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
-        """The D pairs themselves; `bits` is not looked at."""
+        """The D pairs themselves; `bits` is not used."""
         return self.projector, self.camera
 
 
@@ -80,18 +80,18 @@ class CodedProgram:
 
 @dataclass(frozen=True, eq=False)
 class _Around:
-    """Another program, of which one panel is changed."""
+    """Another program, with one panel changed."""
 
     program: Program
 
     @property
     def coded(self) -> bool:
-        """As the program."""
+        """The same as of the program."""
         return self.program.coded
 
     @property
     def p(self) -> float:
-        """As the program."""
+        """The same as of the program."""
         return self.program.p
 
 
@@ -102,7 +102,7 @@ class IlluminatedProgram(_Around):
     light: Floats
 
     def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
-        """As many pairs as the program makes."""
+        """As many pairs as the program has."""
         primal, dual = self.program.pairs(bits, lattice)
         return primal * extend_values(self.light, lattice), dual
 
@@ -114,13 +114,13 @@ class GainProgram(_Around):
     gain: Floats
 
     def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
-        """As many pairs as the program makes."""
+        """As many pairs as the program has."""
         primal, dual = self.program.pairs(bits, lattice)
         return primal, dual * extend_values(self.gain, lattice)
 
 
 def find_inner_program(program: Program) -> Program:
-    """What a program does beneath an illumination and a gain."""
+    """The program inside illuminations and gains."""
     while isinstance(program, IlluminatedProgram | GainProgram):
         program = program.program
     return program
@@ -179,9 +179,9 @@ class ConvolvedProgram:
 class SignedMatrixProgram:
     """One half of any matrix A by +-1 codes: mask = A h (eq. 9), in two halves as `SignedProgram`.
 
-    Cells that share a column are counted for each other. Of direct light, which is mostly the
-    strongest, this is taken off again: a multiple of a cell's own code in its mask makes the
-    diagonal exact, and costs the entries of those that share its column, with K codes one in K.
+    The light of cells that share a column is mixed up. For direct light, which is mostly the
+    strongest, this is corrected: a multiple of a cell's own code in its mask makes the diagonal
+    exact. The entries of cells that share its column pay for it, with K codes one in K.
 
     `partners` are matched cells (N,) that are known to be in it."""
 
@@ -192,7 +192,7 @@ class SignedMatrixProgram:
     p: float = 0.5
 
     def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
-        """2 K pairs. The matrix is between scene cells, so codes beyond the grid do not enter."""
+        """2 K pairs. The matrix is between scene cells, so codes beyond the grid do not matter."""
         h = np.where(bits, 1.0, -1.0)
         rows, cols = lattice.grid
         inner = h.reshape(-1, *lattice.shape)[:, :rows, :cols].reshape(len(h), -1)
@@ -223,8 +223,8 @@ class SignedBlockProgram:
 @dataclass(frozen=True, eq=False)
 class LongRangeProgram:
     """Mask = the complement of the code, dilated by a radius: exactly 0 within it, p (1 - p)^W
-    elsewhere with W = (2 radius + 1)^2 (Table 2, row 3, in one photo), less what is closed so that
-    all is counted alike (`pdcd.codes.far`)."""
+    elsewhere with W = (2 radius + 1)^2 (Table 2, row 3, in one photo); some more cells are closed
+    so that all light is counted evenly (`pdcd.codes.far`)."""
 
     radius: int
     grey: bool = False
@@ -249,8 +249,8 @@ class LongRangeProgram:
 def extend_partners(partner: Indices | tuple[int, int] | None, lattice: Lattice) -> Indices:
     """Partners of all code cells, (L,): of a warp (N,), a shift, or (None) the cells themselves.
 
-    The lattice of quarter windows has one row and column more than the grid; they continue a warp
-    as the last row and column of the grid have it.
+    The lattice of quarter windows has one row and column more than the grid; these continue a warp
+    from the last row and column of the grid.
     """
     shape = lattice.shape
     if partner is None:
@@ -271,7 +271,7 @@ def extend_values(values: Floats, lattice: Lattice) -> Floats:
 
 def _halves(bits: Bools, mask: Floats, positive: bool) -> LevelPairs:
     """Pairs (i+, m+), (i-, m-), or (i+, m-), (i-, m+) for the half that is subtracted; `mask` is
-    written to."""
+    overwritten."""
     largest = max(mask.max(), -mask.min())
     if largest > 0.0:
         mask /= largest
@@ -279,7 +279,7 @@ def _halves(bits: Bools, mask: Floats, positive: bool) -> LevelPairs:
 
 
 def _pair_up(lights: Levels, mask: Floats, positive: bool) -> LevelPairs:
-    """Both pairs of a code follow each other, so that any few codes show what all of them do."""
+    """Both pairs of a code are adjacent, so that the first few codes are like all of them."""
     masks = np.empty((2 * len(mask), mask.shape[1]))
     signed = mask if positive else -mask
     np.maximum(signed, 0.0, out=masks[0::2])
@@ -289,5 +289,5 @@ def _pair_up(lights: Levels, mask: Floats, positive: bool) -> LevelPairs:
 
 
 def _in_turn(first: _L, second: _L) -> _L:
-    """Rows of two arrays (K, N) in turn, (2 K, N)."""
+    """Rows of two arrays (K, N), alternating, (2 K, N)."""
     return np.stack([first, second], axis=1).reshape(-1, first.shape[1])

@@ -1,10 +1,10 @@
-"""Goal -> the shots to take, and the linear combination of them that is the answer.
+"""From a goal to the shots to take, and the linear combination of them that is the answer.
 
-A *photo* is a signed sum of shots with one wanted probing matrix, so one scale: a single coded
-shot, a signed pair (eq. 10), or either with the shots that measure what leaks through black panels.
-The answer, and the pictures shown beside it, are linear combinations of photos after each has been
-divided by its own realised weight: subtracting photos of unequal weight would be wrong (erratum
-X9).
+A *photo* is a signed sum of shots with one wanted probing matrix, and hence one scale: a single
+coded shot, a signed pair (eq. 10), or either with the shots that measure what leaks through black
+panels. The answer, and the pictures shown beside it, are linear combinations of photos after each
+has been divided by its own realised weight: subtracting photos of unequal weight would be wrong
+(erratum X9).
 """
 
 from __future__ import annotations
@@ -59,12 +59,12 @@ class Shot:
 
     @property
     def kind(self) -> str:
-        """Program without the number of its part: what gathers the same light."""
+        """Program without the number of its part; shots of one kind gather the same light."""
         return self.program.removesuffix(f"-{self.part}")
 
     @property
     def of_leaks(self) -> bool:
-        """Whether a panel stays black: what is seen all the same leaks through it."""
+        """Whether a panel stays black, so that all the light that is seen leaks through it."""
         return self.primal_black or self.dual_black
 
     @property
@@ -79,8 +79,8 @@ class RecipePhoto:
 
     With `row_weights` each cell is divided by its own realised weight instead of the common one,
     for codes whose cells are open unequally often by design. `beyond` is the radius of a photo of
-    light from further off, under full light, whose smooth light can be corrected; else 0. Of
-    photos with `paths` the error is known of what a pilot found.
+    light from further away, under full light, whose smooth light can be corrected; else 0. If
+    `paths`, the photo is corrected for the paths that a pilot found.
     """
 
     name: str
@@ -96,9 +96,9 @@ class Recipe:
     """Shots, photos and pictures of one goal; `pictures` maps a name to photos, answer first.
 
     `stack` names the shots of single patterns through an open mask, one RAW file each, in order.
-    `sums` are weighted sums of that stack, which photos may name beside shots: code bits (K, N) to
-    the weight of each cell of each photo. `meant` is the wanted matrix where the answer is only an
-    estimate of it.
+    `sums` are weighted sums of that stack, which photos may name like shots; each is a function
+    from code bits (K, N) to the weight of each cell in each photo. `meant` is the wanted matrix
+    where the answer is only an estimate of it.
     """
 
     target: Target
@@ -112,8 +112,8 @@ class Recipe:
     split: tuple[str, ...] = ()
     """How a wanted matrix is taken apart, in words, a line a part."""
     asked: str = ""
-    """Name of the picture that was asked for, where it cannot be made of the shots that are there,
-    and another one stands in its place."""
+    """Name of the picture that was asked for, if it cannot be made of the shots that are there and
+    another one replaces it."""
 
     @property
     def coded(self) -> RecipePhoto | None:
@@ -138,7 +138,7 @@ class Recipe:
 
     @property
     def answer_shots(self) -> tuple[str, ...]:
-        """Names of their shots, single codes of sums included."""
+        """Names of the shots of these photos, single codes of sums included."""
         there, found = {shot.name for shot in self.shots}, dict[str, None]()
         for photo in self.answer_photos:
             for _, name in photo.shots:
@@ -147,7 +147,7 @@ class Recipe:
 
     @property
     def main(self) -> str:
-        """The photo of the answer that speaks for its light and its codes."""
+        """The photo that represents the light and the codes of the answer."""
         rule = self.answer
         return rule.photos[-1] if isinstance(rule, Extremes) else rule[-1][1]
 

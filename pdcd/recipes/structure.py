@@ -2,12 +2,12 @@
 
 A matrix of N x N weights that somebody hands over is often one of a few kinds: all light but that
 from one cell each, all light from further than a radius, some taps of a filter, regions. Each of
-these can be photographed far better than an arbitrary matrix of which nothing is known. So the
-matrix is taken apart here; how the parts are photographed is in `pdcd.recipes.composed`.
+these can be photographed far better than an arbitrary matrix. So the matrix is taken apart here;
+how the parts are photographed is in `pdcd.recipes.composed`.
 
-Nothing is lost: what no part explains is the rest, and parts and rest together are the matrix to
+Nothing is lost: what no part explains is the rest. Parts and rest together are the matrix to
 `EQUAL_WEIGHTS` of its largest weight, which is checked. A part is only found where its weights are
-all alike: numbers that scatter stay in the rest.
+all equal: numbers that scatter stay in the rest.
 """
 
 from __future__ import annotations
@@ -25,34 +25,34 @@ from pdcd.recipes.even import EQUAL_WEIGHTS, find_even_part
 _Grid = tuple[int, int]
 
 _BLOCK = 256
-"""Rows looked at together; bounds the memory beside the matrix and its rest."""
+"""Rows that are processed together; bounds the memory in addition to the matrix and its rest."""
 _SCATTER = 8.0
-"""Deviations of noisy numbers from a part, over that of most of them, that are still noise."""
+"""Deviations of noisy numbers from a part, over the usual one, that still count as noise."""
 _MOST_RADIUS = 16
 """Largest radius of a near band, cells."""
 _MOST_RINGS = 2
-"""Different weights of the rings of a band; more are taps of a filter."""
+"""Most different weights of the rings of a band; more are taps of a filter."""
 _TINY = 1e-3
-"""Share of what counts as equal by which exact numbers are rounded."""
+"""Share of the tolerance for equality by which exact numbers are rounded."""
 _WHOLE = 0.9
 """Share of the entries of a ring or of a shift that must have its weight."""
 _MOST_TAPS = 255
-"""Matched cells of a row, at most; with more of them codes do no better than for any matrix."""
+"""Most matched cells of a row; with more of them codes do no better than for any matrix."""
 _MOST_MATCHES = 16
-"""Matches that are no shifts."""
+"""Most matches that are not shifts."""
 _SHIFTED = 0.25
-"""Share of all cells that a shift must pair to be looked at."""
+"""Share of all cells that a shift must pair to be considered."""
 _FEW = 1.0 / 16.0, 4
-"""Share of all cells, and number of them, that matched cells of one weight must have."""
+"""Least share of all cells, and least number of them, that have matched cells of one weight."""
 _MOST_REST = 0.5
-"""Share of the squared weights that may be left; with more, nothing was found."""
+"""Most of the squared weights that may be left; with more, nothing was found."""
 _ROUNDS = 20
-"""Steps towards the product of two sides that is nearest to a matrix; of those that have most of
-it, each leaves less than a half of what the one before did."""
+"""Iterations towards the nearest product of two sides to a matrix. If that is most of the matrix,
+each iteration at least halves the error."""
 
 
 class _Least(NamedTuple):
-    """What weights may be off: to count as equal, or as 0; and to be rounded."""
+    """Tolerances of weights: to count as equal, or as 0; and to be rounded."""
 
     off: float
     rounding: float
@@ -101,9 +101,9 @@ class Structure:
 
 
 def find_structure(matrix: Floats, grid: _Grid) -> Structure:
-    """Take a matrix (N, N) apart. The same matrix always comes apart in the same way.
+    """Take a matrix (N, N) apart. The same matrix always gives the same parts.
 
-    It takes a few passes over the matrix, and holds one more of its size.
+    It takes a few passes over the matrix, and memory for one more of its size.
     """
     ones = np.ones(len(matrix))
     whole = Structure(grid, ones, ones, rest=matrix)
@@ -132,10 +132,10 @@ def find_structure(matrix: Floats, grid: _Grid) -> Structure:
 
 
 def find_nearest_product(matrix: Floats, grid: _Grid) -> Structure:
-    """Of scattered weights the one product of two sides that is nearest, where that is most of the
-    matrix, and the rest; else all is the rest.
+    """For scattered weights: the nearest product of two sides, if that is most of the matrix, and
+    the rest; else all is the rest.
 
-    Signed codes hardly count what all cells have in common, as each code lights half of them.
+    Signed codes are bad at what all cells have in common, as each code lights half of them.
     """
     ones = np.ones(len(matrix))
     whole = Structure(grid, ones, ones, rest=matrix)
@@ -155,8 +155,8 @@ def find_nearest_product(matrix: Floats, grid: _Grid) -> Structure:
 
 
 def _levelled(grid: _Grid, camera: Floats, projector: Floats) -> Structure:
-    """An even part (r, N) each as a level, with gain and light, where it is a product of two sides
-    without a change of sign; else as it is."""
+    """An even part (r, N) each as a level, with gain and light, if it is a product of two sides
+    without a change of sign; else unchanged."""
     cells = camera.shape[1]
     ones = np.ones(cells)
     if len(camera) != 1:
@@ -174,8 +174,9 @@ def _levelled(grid: _Grid, camera: Floats, projector: Floats) -> Structure:
 
 
 def _scaled(matrix: Floats, found: Structure, largest: float) -> Structure:
-    """The same with gain, light and level rounded: sides that are even are 1, up to the noise of
-    the numbers. Where the matrix has weights that gain and light hide, they are not taken apart."""
+    """The same with gain, light and level rounded: sides that are even up to the noise of the
+    numbers become 1. If gain or light hide weights of the matrix, the even part is left as it is.
+    """
     if not found.level:
         return found
     ones = np.ones(len(matrix))
@@ -203,7 +204,7 @@ def _scaled(matrix: Floats, found: Structure, largest: float) -> Structure:
 
 
 def _without_even(matrix: Floats, found: Structure, largest: float) -> Floats:
-    """What is left of a matrix beside its even part, over gain and light, (N, N)."""
+    """The matrix less its even part, over gain and light, (N, N)."""
     rest = np.empty_like(matrix)
     for start in range(0, len(matrix), _BLOCK):
         here = slice(start, min(start + _BLOCK, len(matrix)))
@@ -258,8 +259,8 @@ def _subtract_near(rest: Floats, grid: _Grid, weight: float, radius: int) -> Non
 
 
 def _matches(rest: Floats, grid: _Grid, least: _Least) -> tuple[tuple[float, Indices], ...]:
-    """Matched cells of equal weight, which are taken off the rest: first whole shifts, then cells
-    from anywhere."""
+    """Matched cells of equal weight, which are subtracted from the rest: first whole shifts, then
+    any cells."""
     count = int(np.count_nonzero(np.abs(rest) > least.off))
     if not count or count > _MOST_TAPS * len(rest):
         return ()
@@ -275,7 +276,7 @@ def _matches(rest: Floats, grid: _Grid, least: _Least) -> tuple[tuple[float, Ind
 def _shifts(
     rest: Floats, grid: _Grid, row: Indices, column: Indices, least: _Least
 ) -> list[tuple[float, Indices]]:
-    """Matches by a shift that most cells have; they are taken off the rest."""
+    """Matches by a shift that most cells have; they are subtracted from the rest."""
     down = column // grid[1] - row // grid[1]
     right = column % grid[1] - row % grid[1]
     number = (down + grid[0]) * (2 * grid[1]) + right + grid[1]
@@ -300,7 +301,7 @@ def _shifts(
 def _anywhere(
     rest: Floats, row: Indices, column: Indices, least: _Least
 ) -> list[tuple[float, Indices]]:
-    """Matches of equal weight with any cells; they are taken off the rest."""
+    """Matches of equal weight with any cells; they are subtracted from the rest."""
     found: list[tuple[float, Indices]] = []
     while row.size and len(found) < _MOST_MATCHES:
         seen = rest[row, column]
@@ -321,7 +322,7 @@ def _anywhere(
 
 
 def _joined(found: list[tuple[float, Indices]], least: _Least) -> list[tuple[float, Indices]]:
-    """The same with matches of equal weight joined that no cell has two of."""
+    """The same, with matches of equal weight joined if no cell has both."""
     joined: list[tuple[float, Indices]] = []
     for weight, partner in found:
         for number, (other, before) in enumerate(joined):
@@ -334,8 +335,8 @@ def _joined(found: list[tuple[float, Indices]], least: _Least) -> list[tuple[flo
 
 
 def _meeting(rest: Floats, found: list[tuple[float, Indices]], least: _Least) -> None:
-    """Give cells their partners for which two matches have the same one: there stands the sum of
-    both weights."""
+    """Give cells their partner if it is the same in two matches: the entry is then the sum of both
+    weights."""
     left = np.abs(rest) > least.off
     if len(found) < 2 or np.count_nonzero(left) > len(rest):
         return
@@ -365,7 +366,7 @@ def _rounded(weight: float, off: float) -> float:
 
 
 def _usual(rest: Floats) -> float:
-    """What most entries that are not 0 exactly are off by, in a look at some rows."""
+    """The usual size of entries, from some rows."""
     size = np.abs(rest[:: max(1, len(rest) // _BLOCK)])
     return float(np.median(size))
 
@@ -375,8 +376,8 @@ def _largest(rest: Floats) -> float:
 
 
 def _compared(parts: Structure, rest: Floats, matrix: Floats) -> tuple[float, float, float]:
-    """Of a matrix and its parts: the largest weight of the rest in it, the share of its squared
-    weights that the rest has, and by how much parts and rest together are not that matrix."""
+    """Compares a matrix with its parts: the largest weight of the rest in it, the share of its
+    squared weights in the rest, and the largest deviation of parts and rest together."""
     most = squares = off = 0.0
     for start in range(0, len(matrix), _BLOCK):
         here = slice(start, min(start + _BLOCK, len(matrix)))

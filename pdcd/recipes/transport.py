@@ -2,7 +2,7 @@
 
 The cells of one projector row are lit by the rows of an S-matrix, all others stay black, and each
 pattern is a RAW file of its own. Every column of the slice then follows from all photos, with the
-noise of a photo of half the row instead of a single cell (Fig. 5 of the paper took codes, too).
+noise of a photo of half the row instead of a single cell (Fig. 5 of the paper used codes, too).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pdcd.recipes.recipe import Recipe, RecipePhoto, Shot
 _PROGRAM = "lights"
 _SPARE = 4
 MOST_PHOTOS = 1024
-"""Photos of one slice; each is a RAW file."""
+"""Most photos of one slice; each is a RAW file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Slice:
 
     @classmethod
     def of(cls, goal: Goal, grid: tuple[int, int]) -> Slice:
-        """Of a goal that `check_slice` has passed; without rows, all of T."""
+        """The slice of a goal that `check_slice` has passed; without rows, all of T."""
         cells = np.arange(grid[0] * grid[1]).reshape(grid)
         if goal.rows is None:
             return cls(cells.ravel(), cells.ravel())
@@ -43,7 +43,7 @@ class Slice:
 
 
 def check_slice(goal: Goal, grid: tuple[int, int], repeat: int = 1) -> None:
-    """Refuse rows that there are not, and slices of too many photos, each taken `repeat` times.
+    """Refuse rows that do not exist, and slices of too many photos, each taken `repeat` times.
     Raises RequestError."""
     for row in goal.rows or ():
         if not 0 <= row < grid[0]:
@@ -63,11 +63,11 @@ def check_slice(goal: Goal, grid: tuple[int, int], repeat: int = 1) -> None:
 
 
 def count_slice_photos(cells: int) -> int:
-    """Photos of so many projector cells: one less than the least Hadamard order that has a column
-    for each of them, one that is all ones, and `_SPARE` that are left over.
+    """Photos for so many projector cells: one less than the least Hadamard order that has a column
+    for each of them, one that is all ones, and `_SPARE` unused ones.
 
-    These tell what all photos have in common: with s of them the variance of an entry is 1 + 1 / s
-    times that of a slice without such light.
+    The unused columns measure what all photos have in common: with s of them the variance of an
+    entry is 1 + 1 / s times that of a slice without such light.
     """
     order = cells + 1 + _SPARE
     while not is_order(order):
@@ -76,7 +76,7 @@ def count_slice_photos(cells: int) -> int:
 
 
 def make_s_matrix(cells: int) -> Bools:
-    """Which cells shine in which photo, (K, cells): of the S-matrix of order K the first columns,
+    """Which cells are lit in which photo, (K, cells): the first columns of the S-matrix of order K,
     each lit in (K + 1) / 2 photos (Harwit and Sloane 1979)."""
     columns = make_hadamard_columns(count_slice_photos(cells) + 1, np.arange(1, cells + 1))
     return np.asarray((columns * columns[0])[1:] < 0)
@@ -85,7 +85,8 @@ def make_s_matrix(cells: int) -> Bools:
 def make_transport_recipe(target: Target, how: CaptureScheme) -> Recipe:
     """The recipe of a slice: a photo for each pattern; as a picture, the scene under all its light.
 
-    Raises RequestError as `check_slice`, and for ways of photographing that a slice does not know.
+    Raises RequestError as `check_slice`, and for ways of photographing that a slice does not
+    support.
     """
     if how.method != "coded" or how.pilot or how.parts > 1:
         raise RequestError(
