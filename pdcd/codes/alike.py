@@ -1,7 +1,7 @@
-"""How alike light from afar is taken to be, where the codes that keep it are chosen.
+"""The correlation that light from afar is assumed to have, for choosing the codes that keep it.
 
-What a camera cell counts wrong of light that is alike over some cells, and falls off with the
-distance or does not, is a quadratic form of its mask (`CellBlock`). `pdcd.codes.far` and
+Light is taken to be correlated between cells, and to fall off with distance or not. The error of a
+camera cell in such light is a quadratic form of its mask (`CellBlock`). `pdcd.codes.far` and
 `pdcd.codes.greyed` choose masks by it. All sums are exact in float64, so that the codes of a seed
 do not depend on the order in which a machine adds.
 """
@@ -19,26 +19,26 @@ from pdcd.arrays import Bools, Floats
 _Indices = NDArray[np.intp]
 
 CORRELATION_GAUSSIANS = ((8.0, 0.375), (3.0, 0.375), (1.5, 0.25))
-"""How alike the light of two cells is taken to be: Gaussians of so many cells, and their shares."""
+"""Correlation of the light of two cells: Gaussians of so many cells, and their shares."""
 OWN_LIGHT = 0.25
-"""What is added for light that each cell has for itself."""
+"""Additional variance, for the light that each cell has for itself."""
 _STEP = 2.0**-8
 """All these weights are whole multiples of it, so that sums of products are exact in float64 and
 codes do not depend on the order in which a machine adds."""
 _FALL_CELLS, _FALL_POWER, _FALL_STEP = 5.0, 4, 2.0**-6
-"""Light falls off with the distance not at all, exponentially over so many cells, or by this power;
-all three count alike. Rounded to multiples of the step, for the same reason."""
+"""Light falls off with distance not at all, exponentially over so many cells, or by this power; all
+three count alike. The values are rounded to multiples of the step, for the same reason."""
 CELL_BLOCK_SIDE = 3
-"""Camera cells along a side of the blocks within which the distance is that from the middle."""
+"""Side, in camera cells, of the blocks within which distances are those from the middle."""
 MOST_FALLING = 2**35
-"""Blocks times codes squared times cells up to which light is taken to fall off: five seconds."""
+"""Blocks times codes squared times cells up to which light is assumed to fall off: five seconds."""
 CHUNK_ENTRIES = 2**16
-"""Codes times camera cells that are looked at at once: what stays in the caches of a processor."""
+"""Codes times camera cells that are processed at once: what fits into a processor's caches."""
 
 
 @dataclass(frozen=True)
 class CellBlock:
-    """Some camera cells that lie together, and what is known of their light.
+    """Some camera cells that lie together, and the statistics of their light.
 
     cells : (Y,), their numbers. together : (K, K), ``L C L``; wanted : (K, Y), ``L C W``.
     """
@@ -51,8 +51,8 @@ class CellBlock:
 def split_into_cell_blocks(
     bits: Floats, lattice: tuple[int, int], radius: int
 ) -> Iterator[CellBlock]:
-    """The blocks of a lattice. C is the same for all cells, and they are split only to be looked at
-    one after the other, where light is not taken to fall off."""
+    """The blocks of a lattice. If light is not assumed to fall off, C is the same for all cells,
+    and they are only split to be processed one after the other."""
     count, cells = bits.shape
     spread = _spread(bits, lattice)
     together, wanted = spread @ bits.T, sum_beyond_radius(spread, lattice, radius)
@@ -70,7 +70,7 @@ def split_into_cell_blocks(
         own, far = together * even, wanted[:, some] * even
         falls = _falls(lattice, row.mean(), col.mean(), radius)
         for fall in falls:
-            # Far enough off it is rounded to nothing.
+            # Far away it is rounded to 0.
             lit = np.ix_(fall.any(axis=1), fall.any(axis=0))
             light = (images[:, lit[0], lit[1]] * fall[lit]).reshape(count, -1)
             spread = _spread(light, fall[lit].shape) * _alike(np.sum(fall**2))
@@ -81,7 +81,7 @@ def split_into_cell_blocks(
 
 
 def sum_beyond_radius(images: Floats, lattice: tuple[int, int], radius: int) -> Floats:
-    """Sums of images (K, L) over all that is further than the radius from each cell, (K, L)."""
+    """Sums of images (K, L) over all cells further than the radius from each cell, (K, L)."""
     rows, cols = (
         (np.abs(np.subtract.outer(np.arange(n), np.arange(n))) <= radius).astype(np.float64)
         for n in lattice
@@ -92,7 +92,7 @@ def sum_beyond_radius(images: Floats, lattice: tuple[int, int], radius: int) -> 
 
 
 def _near(these: _Indices, those: _Indices, width: int, radius: int) -> Bools:
-    """Which of some cells are within the radius of which others, by their numbers."""
+    """Which of some cells are within the radius of which others, given their numbers."""
     (row, col), (other_row, other_col) = (
         np.divmod(these.reshape(-1, 1), width),
         np.divmod(those, width),
@@ -102,8 +102,8 @@ def _near(these: _Indices, those: _Indices, width: int, radius: int) -> Bools:
 
 
 def _alike(square: float) -> float:
-    """What makes ways to fall off count about alike, by the sum of their squares: a power of two,
-    which leaves sums exact."""
+    """Factor that gives ways to fall off about equal weight, from the sum of their squares: a power
+    of two, which leaves sums exact."""
     return float(2.0 ** -np.frexp(square)[1])
 
 
@@ -114,8 +114,8 @@ def _parts(size: int) -> _Indices:
 
 
 def _falls(lattice: tuple[int, int], row: float, col: float, radius: int) -> list[Floats]:
-    """Light over its distance from a place, (rows, cols), at most 1, in both ways in which it may
-    fall off."""
+    """Light as a function of distance from a place, (rows, cols), at most 1, for both ways in which
+    it may fall off."""
     rows, cols = lattice
     apart = np.hypot(np.arange(rows)[:, None] - row, np.arange(cols) - col)
     falls = (
@@ -126,7 +126,7 @@ def _falls(lattice: tuple[int, int], row: float, col: float, radius: int) -> lis
 
 
 def _spread(light: Floats, lattice: tuple[int, int]) -> Floats:
-    """``L C`` of light (K, L): what is alike, and what each cell has for itself."""
+    """``L C`` of light (K, L): the correlated part, and that which each cell has for itself."""
     images = light.reshape(-1, *lattice)
     rows, cols = lattice
     alike = sum(

@@ -3,8 +3,8 @@
 Cells of one colour share a code, so the light that travels between two of them is counted with
 weight 0 (same sign) or 2 (opposite signs) where 1 is wanted. Indirect light between cells falls
 off with distance and varies smoothly over far cells. Hence two rules: the colour of a cell is the
-one whose cells are farthest off, and its sign opposes the signs that this colour has around it.
-Where single paths are known, a third rule adds them to what the distance alone would fear.
+one whose cells are farthest away, and its sign opposes the signs that this colour has around it.
+Where single paths are known, a third rule adds them to what is expected from distance alone.
 """
 
 from __future__ import annotations
@@ -17,20 +17,19 @@ import scipy
 from numpy.typing import NDArray
 
 LINKED = 60.0
-"""Mean sum of squared links of a cell: ten times the sum of 1/d^4 over all cells around it. So what
-is known goes before what distance alone would fear, but if it is wrong it does not undo all of
-it."""
+"""Mean sum of squared links of a cell: ten times the sum of 1/d^4 over all cells around it. So
+known links have precedence over distance, but if they are wrong they do not undo all of it."""
 LOOSE = 2.0
-"""Most by which the weight of a cell's links is taken to be larger or smaller, where colourings are
-to differ: its cells then come in another order, and strong links still before weak ones."""
+"""Largest random factor on the weight of a cell's links, where colourings are to differ: cells then
+come in another order, but strong links still before weak ones."""
 COLOUR_REACH = 64
-"""Cells, up and down, left and right, over which a cell looks around at the least."""
+"""Least distance in cells, up and down, left and right, to which a cell considers others."""
 RINGS = 4.0
-"""Distances between cells of one colour, about the root of the number of colours, over which a cell
-looks around at the least. All colours are there that often; beyond, they crowd much alike, as the
-sum of 1/d^4 has little left, and their signs cancel in every region that has cancelled before."""
+"""The same in distances between cells of one colour, about the root of the number of colours. Each
+colour is within reach so often. Beyond, all crowd about equally, as the sum of 1/d^4 has little
+left, and their signs cancel in every region that has cancelled before."""
 _SPARE_BINS = 64
-"""Enough that sums of cells without a colour do not wait for each other."""
+"""Enough bins that sums of cells without a colour do not wait for each other."""
 
 
 def colour_lattice(
@@ -48,7 +47,7 @@ def colour_lattice(
     scene can meet the same colour over a whole region. Cells with known links go first, the
     strongest linked before all, while there is still choice. Each cell takes the colour of least
     crowding sum(1/d^4) over the cells d away that bear it, then the sign against the sum(sign/d).
-    It looks `COLOUR_REACH` cells around, or `RINGS`, so that the time is linear in the cells.
+    It considers cells within `COLOUR_REACH`, or `RINGS`, so that the time is linear in the cells.
 
     Parameters
     ----------
@@ -60,11 +59,11 @@ def colour_lattice(
         Source of the direction and of signs that nothing else decides.
     links : sparse array (L, L), symmetric, >= 0, empty diagonal, or None
         Known strengths of light paths between cells, in any unit. A link crowds by its squared
-        strength; those of a cell do so ten times as much, on average, as all cells around it do
+        strength; the links of a cell do so ten times as much, on average, as all cells around it do
         by their distance.
-    apart : one of several colourings that are to share colours between unlike cells. Where all
-        cells have links, these alone give the order of the cells, and with it the same colouring
-        every time; so the order is loosened by chance.
+    apart : one of several colourings that are to share colours between different cells. Where all
+        cells have links, these alone determine the order of the cells, and with it the same
+        colouring every time; so the order is partly randomised.
 
     Returns
     -------
@@ -79,8 +78,8 @@ def colour_lattice(
     loosened = LOOSE ** rng.uniform(-1.0, 1.0, cells) if apart else 1.0
     order = order[np.argsort(-(known.weight * loosened)[order], kind="stable")]
     sign = rng.choice(np.array([-1, 1], dtype=np.int8), cells)
-    # No colour yet: bins of their own, that are never chosen. They are several, because adding to
-    # one bin again and again waits each time for the sum before.
+    # Cells without a colour have bins of their own, which are never chosen. There are several of
+    # them, because adding to one bin again and again waits each time for the sum before.
     bins = colours + _SPARE_BINS
     colour = colours + np.arange(cells) % _SPARE_BINS
     colour[order[:colours]] = np.arange(min(colours, cells))
@@ -96,7 +95,7 @@ def colour_lattice(
 
 
 class _Front:
-    """What has been coloured so far, and a look at it from one cell.
+    """The colours given so far, and how one cell sees them.
 
     `colour` (L,) is that of each cell, and is written to; below `bins`.
     """
@@ -112,7 +111,7 @@ class _Front:
         rows, cols = lattice
         self._bins, self._colour, self._known, self._cols = bins, colour, known, cols
         self._table, self._placed = colour.reshape(lattice), np.zeros(rows * cols)
-        # Is searched in a fraction of the time.
+        # A narrow copy is searched in a fraction of the time.
         self._narrow = self._table.astype(np.min_scalar_type(bins))
         reach = _reach(bins - _SPARE_BINS)
         self._reach = min(reach, rows - 1), min(reach, cols - 1)
@@ -127,7 +126,7 @@ class _Front:
         self._whole = self._inside.ravel()
 
     def place(self, cells: NDArray[np.int64], sign: NDArray[np.int8]) -> None:
-        """These cells have a colour already, and the signs (L,)."""
+        """Note that these cells have a colour already, with the signs (L,)."""
         self._placed[cells] = sign[cells]
 
     def look(self, cell: int, colours: int) -> tuple[int, float]:
@@ -138,7 +137,7 @@ class _Front:
         window = self._table[top : row + below + 1, first : col + right + 1]
         height, width = window.shape
         above, before = self._reach[0] - row + top, self._reach[1] - col + first
-        crowds = self._whole  # but at the border, where part of it lies beyond
+        crowds = self._whole  # except at the border, beyond which part of it lies
         if (height, width) != self._inside.shape:
             crowds = self._crowding[above : above + height, before : before + width].ravel()
         crowd = np.bincount(window.ravel(), crowds, self._bins)
@@ -181,8 +180,8 @@ def choose_phases(
     Returns
     -------
     (L,) int64
-        0 .. phases - 1: the one with the least sum(1/d) over cells of the same colour and phase
-        that the front has passed since it was as far off as `colour_lattice` looks.
+        0 .. phases - 1: the one with the least sum(1/d) over those cells of the same colour and
+        phase that the front has passed and that are still within reach of `colour_lattice`.
     """
     phase = rng.integers(phases, size=colour.size)
     order, (along_row, along_col) = _front(lattice, rng)
@@ -224,7 +223,7 @@ def _front(
 ) -> tuple[NDArray[np.int64], tuple[float, float]]:
     """Cells in the order in which a straight front of random direction passes them: (L,) int64.
 
-    Also that direction, (down, right), in no unit.
+    Also that direction, (down, right), not normalised.
     """
     row, col = np.indices(lattice)
     along_row, along_col = rng.random(2) - 0.5
@@ -250,7 +249,7 @@ def _behind(reach: tuple[int, int], along: tuple[float, float] | None) -> tuple[
 
 
 def _reach(colours: int) -> int:
-    """How many cells away others are looked at, up and down, left and right."""
+    """Distance in cells, up and down, left and right, to which a cell considers others."""
     return max(COLOUR_REACH, math.ceil(RINGS * math.sqrt(colours)))
 
 

@@ -1,11 +1,11 @@
 """Codes for light from beyond a radius: which cells are lit together, where the mask is closed.
 
-The mask must be closed within the radius of every lit cell. Whatever else is lit in the same code
-is then missed there, and each path from afar is counted a few times only, some often and some
-never. So cells are lit seldom, all equally often, in company that is dealt anew each time. And the
-mask is closed at a few more cells, chosen so that what each camera cell misses is spread evenly
-over the scene: light that changes slowly from cell to cell is then counted right, although its
-single paths are not.
+The mask must be closed within the radius of every lit cell. So light of other cells that are lit in
+the same code is missed there, and each path from afar is counted only a few times, some often and
+some never. Therefore cells are lit seldom, all equally often, and together with others each time.
+And the mask is closed at a few more cells, chosen so that what each camera cell misses is spread
+evenly over the scene: light that changes slowly from cell to cell then has the right weight,
+although its single paths have not.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from pdcd.codes.greyed import can_make_grey_masks, make_grey_masks
 _Indices = NDArray[np.intp]
 
 _SELDOM = 0.5
-"""Share of the codes that would bring most light in which a cell is lit. Half of them bring two
-thirds of the light, and leave room to choose what else is closed."""
+"""Share of codes in which a cell is lit, over the share that would bring most light. Half of that
+share brings two thirds of the light, and leaves room to choose what else is closed."""
 _SELDOM_GREY = 0.6
-"""Before masks of grey levels cells are lit in the square root of the number of those codes, times
-this: the fewer are lit together, the less has to be made up for."""
+"""With masks of grey levels cells are lit in the square root of the number of those codes, times
+this: the fewer are lit together, the less has to be compensated."""
 _LEAST_LIGHT = 0.25
-"""Cells are lit one by one where that leaves this share of the light, or more."""
+"""Cells are lit one by one if that leaves this share of the light, or more."""
 MOST_EVENED = 2**22
 """Codes times cells up to which more cells of the mask are closed."""
 _FEW = 0.75
-"""Share of these that are still being changed below which the others are set aside."""
+"""Share of these cells that still change, below which the finished ones are set aside."""
 
 
 def choose_times_lit(count: int, cells: int, best: float, *, grey: bool = False) -> int:
-    """In how many of `count` codes each of so many cells is lit; `best` is the share of codes that
+    """In how many of `count` codes each of so many cells is lit. `best` is the share of codes that
     brings most light (`pdcd.recipes.programs.LongRangeProgram`), `grey` whether the mask may have
     grey levels.
 
-    With twice as many codes as cells, say, every cell can be lit alone, twice, and nothing
-    errs; that is taken where it does not cost too much light.
+    With twice as many codes as cells, say, every cell can be lit alone, twice, without any error;
+    this is chosen where it does not cost too much light.
     """
     alone = count // cells
     if alone / count >= _LEAST_LIGHT * best * (1.0 - best) ** (1.0 / best - 1.0):
@@ -65,7 +65,7 @@ def make_long_range_codes(
     *,
     grey: bool = False,
 ) -> Bools:
-    """Codes (K, L) that light each cell equally often, and as many cells in each code as can be.
+    """Codes (K, L) that light each cell equally often, and about as many cells in each code.
 
     The codes are split into as many shares as each cell is lit times (`choose_times_lit`); all
     cells are dealt out over the codes of each share by chance.
@@ -84,8 +84,8 @@ def make_long_range_masks(
     """Where the mask is open, by `make_binary_masks`, or how far, by
     `pdcd.codes.greyed.make_grey_masks`.
 
-    It has no grey levels where there is nothing to make up for, as each code lights one cell, nor
-    where choosing them would take long.
+    It has no grey levels if there is nothing to compensate, as each code lights one cell, nor if
+    choosing them would take long.
     """
     count, cells = lit.shape
     if grey and radius and can_make_grey_masks(count, cells) and lit.sum(axis=1).max() > 1:
@@ -94,7 +94,7 @@ def make_long_range_masks(
 
 
 def make_binary_masks(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Bools:
-    """Where the mask is open, (K, L), so that far light is counted as evenly as can be had.
+    """Where the mask is open, (K, L), so that far light is counted as evenly as possible.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def make_binary_masks(lit: Bools, seen: Bools, lattice: tuple[int, int], radius:
 
     Returns
     ------- (K, L) bool, open only where `seen` is. It is `seen` with more than `MOST_EVENED` codes
-    times cells, and for a radius of 0, where codes are lit half of the time and are even by
-    themselves.
+    times cells, and for a radius of 0, where codes are lit half of the time and are even in any
+    case.
     """
     if radius == 0 or lit.size > MOST_EVENED:
         return seen
@@ -145,9 +145,9 @@ def _chosen(
 ) -> Bools:
     """Codes in which some camera cells are open, (K, Y): one change at a time, the best first.
 
-    Open in the codes a, a cell counts the lit cells ``a L``; their mean over all `cells` that are
-    further than the radius, W, is its weight w. What it errs of light that is alike as C says is
-    ``(a L / w - W) C (a L / w - W)``, of which ``W C W`` does not change.
+    A cell that is open in the codes a counts the lit cells ``a L``. Their mean over all `cells`
+    that are further than the radius, W, is its weight w. Its error in light with the correlation C
+    is ``(a L / w - W) C (a L / w - W)``, of which ``W C W`` does not change.
 
     together : (G, K, K), ``L C L`` of groups of cells; of : (Y,), each cell's group; wanted, far :
     (K, Y), ``L C W`` and ``L W``
@@ -158,10 +158,10 @@ def _chosen(
     for number, one in enumerate(together):
         met_by[:, of == number] = one @ a[:, of == number]
     own = np.diagonal(together, axis1=1, axis2=2)[of].T
-    # Of each camera cell: what the error divides by the weight twice, once, and the weight.
+    # For each camera cell: what the error divides by the weight twice, once, and the weight.
     total, met = (a * met_by).sum(axis=0) * cells, 2.0 * (a * wanted).sum(axis=0)
     weight = (a * far).sum(axis=0)
-    # What these gain where a code is closed that is open, or opened that is closed.
+    # Changes of these if an open code is closed, or a closed one opened.
     turn = 1.0 - 2.0 * a
     more_total = (2.0 * turn * met_by + own) * cells
     more_met, more_weight = 2.0 * turn * wanted, turn * far

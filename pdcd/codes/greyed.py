@@ -1,8 +1,8 @@
 """Masks of grey levels for light from beyond a radius.
 
-A mask that is open or closed counts each path a whole number of times. One of grey levels counts it
-by any number, so that what is missed near a lit cell is made up for by its neighbours in other
-codes. The levels are those, 0 to 1, that err least of light that is alike over some cells
+A mask that is open or closed counts each path a whole number of times. One with grey levels counts
+it by any number, so that what is missed near a lit cell is compensated by its neighbours in other
+codes. The levels are those, 0 to 1, with the least error in light that is correlated between cells
 (`pdcd.codes.alike`): non-negative least squares, for each camera cell by itself.
 """
 
@@ -21,17 +21,17 @@ MEAN_OPEN_LEVEL = 0.5
 """Mean level over the share of codes in which a cell may be open at all: as much room upwards as
 downwards."""
 _LEVEL_STEPS = 256
-"""Levels are whole multiples of one part in so many."""
+"""Levels are whole multiples of one part in this many."""
 MOST_WORK = 2**29
 """Codes squared times cells up to which levels are chosen: ten seconds."""
 _STEPS = 300
-"""Steps of descent. Twice as many change errors by a hundredth or two."""
+"""Steps of descent. Twice as many change errors by one or two per cent."""
 _FINE = 2.0**18
-"""What is on the way is rounded to this part of a level, and `_SUMS` is the largest sum of a row of
-the matrix, in whole numbers: all products and their sums are then below 2^53, and exact."""
+"""Intermediate values are rounded to this part of a level, and `_SUMS` is the largest sum of a row
+of the matrix, in whole numbers: all products and their sums are then below 2^53, and exact."""
 _SUMS = 2.0**32
 _POWERS, _WHOLE = 8, 2.0**12
-"""The largest eigenvalue is sought in so many steps, with vectors of whole numbers up to this."""
+"""Steps of the search for the largest eigenvalue, with vectors of whole numbers up to this."""
 
 
 def can_make_grey_masks(count: int, cells: int) -> bool:
@@ -40,7 +40,7 @@ def can_make_grey_masks(count: int, cells: int) -> bool:
 
 
 def make_grey_masks(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Floats:
-    """How far the mask is open, 0..1, so that far light is counted as evenly as can be had.
+    """How far the mask is open, 0..1, so that far light is counted as evenly as possible.
 
     Parameters
     ----------
@@ -74,8 +74,8 @@ def _groups(found: Iterator[CellBlock], count: int) -> Iterator[list[CellBlock]]
 def _level(
     found: Floats, group: list[CellBlock], seen: Bools, level: float, counted: float
 ) -> None:
-    """Choose the levels of some blocks, where each path from afar is to be counted that often;
-    written into `found` (K, L)."""
+    """Choose the levels of some blocks so that each path from afar is counted so often; written
+    into `found` (K, L)."""
     size = max(block.cells.size for block in group)
     shape = (len(group), len(seen), size)
     together = np.empty((*shape[:2], len(seen)))
@@ -91,10 +91,10 @@ def _level(
 
 
 def _least(together: Floats, wanted: Floats, most: Floats, first: Floats) -> Floats:
-    """Levels (G, K, Y) between 0 and `most` that err least, descending from the first.
+    """Levels (G, K, Y) between 0 and `most` with the least error, by descent from the first.
 
-    They err by ``(a L - c W) C (a L - c W)``, whose slope falls to zero by accelerated descent
-    within the bounds (Beck and Teboulle 2009, FISTA).
+    Their error is ``(a L - c W) C (a L - c W)``. It is minimised by accelerated descent within the
+    bounds (Beck and Teboulle 2009, FISTA).
     """
     steepest = _steepest(together)[:, None, None]
     now = _rounded(first, _FINE)
@@ -109,11 +109,11 @@ def _least(together: Floats, wanted: Floats, most: Floats, first: Floats) -> Flo
 
 
 def _steepest(matrices: Floats) -> Floats:
-    """What no eigenvalue of matrices (G, K, K) exceeds, (G,); so steps of one part in it are safe.
+    """An upper bound of the eigenvalues of matrices (G, K, K), (G,); steps of one over it are safe.
 
-    Of a matrix A without negative entries it is the largest of ``A v / v``, whatever v is, if
-    only positive (Collatz and Wielandt); the nearer to an eigenvector, the tighter. All ones, which
-    give the largest sum of a row, are too high by a factor of 2 to 3.
+    For a matrix A without negative entries it is the largest of ``A v / v`` for any positive v
+    (Collatz and Wielandt); the nearer v is to an eigenvector, the tighter. A v of all ones, which
+    gives the largest sum of a row, is too high by a factor of 2 to 3.
     """
     vector = np.ones((*matrices.shape[:2], 1))
     for _ in range(_POWERS):

@@ -1,4 +1,4 @@
-"""Codes whose cells are chosen independently of where they lie: by a coin for every bit as in the
+"""Codes whose cells are chosen independently of where they lie: with a coin for every bit as in the
 paper (Bernoulli, Rademacher), balanced, and balanced with chosen partners.
 """
 
@@ -109,18 +109,18 @@ _Indices = NDArray[np.intp]
 
 
 def make_partner_codes(codes: Bools, partner: _Indices, rng: np.random.Generator) -> Bools:
-    """Balanced codes (K, L), of which each cell is lit with its partner as often as can be had.
+    """Balanced codes (K, L) in which each cell is lit with its partner as often as it should be.
 
     Parameters
     ----------
-    codes : (K, L), every cell lit equally often, else by chance; those of cells where chains of
-        partners end are kept.
+    codes : (K, L), every cell lit equally often, apart from that at random; those of cells where
+        chains of partners end are kept.
     partner : (L,), -1 for none
 
     Returns
     -------
-    (K, L) bool. Cells that are their own partners, or share them, are lit as often. Where ``p^2 K``
-    is no whole number, some pairs meet once more than others.
+    (K, L) bool. Cells that are their own partners, or share them, are lit as often. If ``p^2 K`` is
+    not a whole number, some pairs meet once more than others.
     """
     count, on = len(codes), int(codes[:, 0].sum())
     chosen = codes.copy()
@@ -138,7 +138,7 @@ def make_partner_codes(codes: Bools, partner: _Indices, rng: np.random.Generator
 
 
 def _closing(partner: _Indices) -> dict[int, int]:
-    """Of each ring of partners the cell that closes it, and the one it is begun with, plus 1."""
+    """For each ring of partners, the cell that closes it -> the one that begins it, plus 1."""
     seen = np.zeros(partner.size, dtype=np.intp)
     found = {}
     for start in range(partner.size):
@@ -152,7 +152,7 @@ def _closing(partner: _Indices) -> dict[int, int]:
 
 
 def _outwards(partner: _Indices, last: dict[int, int]) -> Iterator[_Indices]:
-    """All cells but those where chains end and rings begin, after their partners."""
+    """All cells except those where chains end and rings begin, each after its partner."""
     done = partner < 0
     done[[first - 1 for first in last.values()]] = True
     left = np.flatnonzero(~done)
@@ -164,7 +164,7 @@ def _outwards(partner: _Indices, last: dict[int, int]) -> Iterator[_Indices]:
 
 
 def _beside(other: Bools, often: _Indices, on: int, rng: np.random.Generator) -> Bools:
-    """Columns (K, B) of so many ones that have so many (B,) in common with others (K, B)."""
+    """Columns (K, B) of `on` ones each, of which `often` (B,) are in common with others (K, B)."""
     order = np.argsort(rng.random(other.shape) + 2.0 * ~other, axis=0)
     place = np.arange(len(other))[:, None]
     taken = (place < often) | ((place >= on) & (place < 2 * on - often))
@@ -176,8 +176,8 @@ def _beside(other: Bools, often: _Indices, on: int, rng: np.random.Generator) ->
 def _between(
     both: Bools, often: _Indices, otherwise: Bools, on: int, rng: np.random.Generator
 ) -> Bools:
-    """A column (K,) that has so many ones (2,) in common with either of two (K, 2); `otherwise`
-    where there is none, or the two are one."""
+    """A column (K,) that has `often` (2,) ones in common with each of two (K, 2); `otherwise` if
+    there is none, or the two are equal."""
     if np.array_equal(both[:, 0], both[:, 1]):
         return otherwise
     kind = both[:, 0] * 2 + both[:, 1]

@@ -12,16 +12,16 @@ from pdcd.errors import RequestError
 
 
 def make_matched_codes(lattice: tuple[int, int], count: int, rng: np.random.Generator) -> Bools:
-    """Hadamard codes of which the cells of a row do not share any, where K allows it.
+    """Hadamard codes in which no two cells of a row share one, where K allows it.
 
-    A camera cell sees light from somewhere on its row, which one depends on the depth. So what is
-    kept of a depth must not go by chance: all columns of a row are kept apart first, near cells of
-    other rows next. Raises RequestError where there is no Hadamard matrix of the order K.
+    A camera cell sees light from some place in its row, which depends on the depth. So the light
+    that is kept of a depth must not depend on chance: all columns of a row are kept apart first,
+    near cells of other rows next. Raises RequestError where there is no Hadamard matrix of order K.
 
     Returns
     -------
     (K, L + rows) bool
-        After the codes of the cells one more for each row, that none of its cells has.
+        After the codes of the cells, one more for each row, which none of its cells has.
     """
     rows, cols = lattice[0], lattice[1] + 1
     near = np.abs(np.subtract.outer(np.arange(cols), np.arange(cols)))
@@ -37,10 +37,9 @@ def make_comb_codes(
     """Codes (K, L) that light one cell of each row, or some that are `period` apart: a comb.
 
     In `period` codes a comb passes all cells once; then the phases of rows are drawn anew. Two
-    cells of one row that are nearer than the period are never lit together, so a mask that is
+    cells of one row that are nearer than the period are never lit together. So a mask that is
     closed while any of W neighbours is lit keeps exactly all light from the rest of the row, and
-    all but the share W / period, on average, of light from other rows. Codes that are left over
-    are dark.
+    all but the share W / period, on average, of light from other rows. Unused codes are dark.
 
     Raises RequestError for fewer codes than the period.
     """
@@ -61,9 +60,9 @@ def make_comb_codes(
 def make_row_codes(lattice: tuple[int, int], count: int, rng: np.random.Generator) -> Bools:
     """Codes (K, L) that are the same all along each row: a column of a Hadamard matrix for each.
 
-    The constant column is one of them: shown together with their complements all K do. With at
-    least as many codes as rows no column is used twice; else rows that share one are K apart, of
-    signs by chance. Raises RequestError where there is no Hadamard matrix of the order K.
+    The constant column may be used, too: shown together with their complements all K may. With at
+    least as many codes as rows no column is used twice; else rows that share one are K apart, with
+    random signs. Raises RequestError where there is no Hadamard matrix of order K.
     """
     check_order(count)
     rows, cols = lattice

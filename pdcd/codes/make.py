@@ -35,7 +35,7 @@ class Codes:
     lattice : (rows, cols)
         Cells of the patterns.
     family, p, seed :
-        What the codes were made from; the same three and the same lattice give the same bits.
+        What the codes were made from; with the same lattice they give the same bits.
     """
 
     primal: NDArray[np.bool_]

@@ -1,15 +1,16 @@
 """Hadamard matrices: which orders can be built, and any columns of them without the rest.
 
-Built from Sylvester's matrix of order 2, Paley's two constructions over prime fields (1933) and
-Kronecker products of these. All have a first column of ones, so that every other column sums to 0.
+They are built from Sylvester's matrix of order 2, Paley's two constructions over prime fields
+(1933) and Kronecker products of these. All have a first column of ones, so that every other column
+sums to 0.
 
 Hadamard columns for cells that are lit less than half of the time: partial spreads.
 
 The columns of Sylvester's matrix of order K = 2^n are the characters ``(-1)^(a . k)`` of the codes
 k, one for each a in F_2^n. The product of t of them, each as an on-off sequence, is lit in the
-share p = 2^-t of all codes: those k in which t linear forms have given values. Two cells of which
-the forms span subspaces that meet in 0 alone are lit together in exactly p^2 K codes, the wanted
-number without any error. A set of such subspaces is called a partial spread.
+share p = 2^-t of all codes: those k in which t linear forms have given values. If the forms of two
+cells span subspaces that meet in 0 alone, the cells are lit together in exactly p^2 K codes, the
+wanted number without any error. A set of such subspaces is called a partial spread.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ def make_hadamard_columns(order: int, index: NDArray[np.int64]) -> NDArray[np.in
 def _factors(order: int) -> tuple[int, ...] | None:
     """Orders of primitive matrices whose Kronecker product has this order; None if there are none.
 
-    Powers of two are Sylvester's, whatever else would give them.
+    Powers of two are built from Sylvester's matrix, even if others would do.
     """
     if order < 1:
         return None
