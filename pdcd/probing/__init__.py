@@ -1,3 +1,3 @@
-"""The probing matrix, wanted and realised: what a goal asks for, what two panels that answer late
-and leak made of it, and how far the one is from the other.
+"""The probing matrix, wanted and realised: what a goal asks for, what two panels with delays and
+leaks made of it, and how far one is from the other.
 """

@@ -1,10 +1,11 @@
-"""How far apart the borders of cells are that both panels draw, where their pixels do not meet.
+"""How far apart two panels draw the borders of cells, where their pixels do not coincide.
 
 A pixel shows the cell in which its centre lies, so that the border of a cell follows the pixels of
 a panel. On panels whose pixels end where cells end, and on equal ones that lie on each other, both
-borders are the same. On all others, a mask that is turned or has another number of pixels, some
-light of a cell goes through the mask of the next one: as much as if the panels lay that far apart.
-What comes straight back from there is direct light with the weight of a path between two cells.
+borders are the same. On all others, such as a mask that is turned or has another number of pixels,
+some light of a cell goes through the mask of the next one: as much as if the panels lay that far
+apart. Light that comes straight back from there is direct light with the weight of a path between
+two cells.
 """
 
 from __future__ import annotations
@@ -24,37 +25,37 @@ from pdcd.panels.map import Map, PanelView
 _Grid = tuple[int, int]
 
 _BORDERS = 48
-"""Borders that are looked at along either axis, evenly."""
+"""Most borders that are sampled along either axis, evenly spread."""
 _POINTS = 12
 """Places along each of them."""
 ACROSS = 32
 """Places across it at each of those."""
 GOLDEN = 0.6180339887498949
-"""Places along borders must not keep step with the pixels."""
+"""Step of places along borders, irrational so that they do not coincide with the pixels."""
 PLASTIC = 0.7548776662466927
-"""The same of places all over the field: steps along x, its square along y (Roberts' R2)."""
+"""The same for places all over the field: steps along x, its square along y (Roberts' R2)."""
 _PLACES = 2**14
 """Places all over the field."""
 _STEPS = 10
-"""Halvings by which the place is found at which a panel goes over from one cell to the next."""
+"""Bisections that locate the place at which a panel changes from one cell to the next."""
 _EDGES = 8
 """Pieces on either side of a border within reach of a pixel."""
 _SPLIT, _LINES = 4, 2
-"""Of panels that do not lie straight: pieces into which each is split along a border, as strips are
-steps there, and places in each that are looked at."""
+"""For panels that do not lie straight: pieces into which each is split along a border, as strips
+have steps there, and sampled places in each."""
 _MOST_REACH = 0.45
-"""Of a cell: borders that are drawn further away are those of other cells."""
+"""Largest distance, in cells: borders that are drawn further away are those of other cells."""
 LEAST_APART = 1e-4
-"""Share of the field in which panels draw different cells below which nobody could see it."""
+"""Share of the field in which panels draw different cells below which it is not visible."""
 APART = 4
-"""Rows or columns of cells whose strips are told of together: of neighbours one only, so that no
-pixel sees what it lights itself, and little light comes from elsewhere."""
+"""Rows or columns between cells whose strips are shown together: only one of neighbours is, so that
+no pixel sees what it lights itself, and little light comes from elsewhere."""
 _ON_EDGE = NEAR / ATOMS_PER_CELL
-"""Cells before a border at which a centre lies on it, as panels draw it."""
+"""Distance in cells from a border at which a centre counts as lying on it, as panels draw it."""
 _KEPT = 4
 """Geometries whose strips are remembered."""
 _PIECE = 2**11
-"""Places that are looked at together."""
+"""Places that are processed together."""
 
 
 def cell_mismatch_px(
@@ -75,7 +76,7 @@ def cell_mismatch_px(
         for part in _pieces(len(points)):
             first, second = (_cells(view.map, points[part], grid) for view in (projector, mask))
             shown = (first >= 0) & (second >= 0)
-            # Across this border alone: near a corner they may differ across the other one, too.
+            # Only across this border: near a corner they may differ across the other one, too.
             one, other = (c % grid[1] if axis == 0 else c // grid[1] for c in (first, second))
             away = np.abs(off_px[part][shown & (one != other)])
             worst = max(worst, float(away.max(initial=0.0)) * 2.0 * reach_px)
@@ -100,12 +101,12 @@ def compute_cell_mismatch_share(projector: PanelView, mask: PanelView, grid: _Gr
 class BorderStrips:
     """Strips along the borders of one direction in which both panels show different cells.
 
-    axis : 0 of borders between columns of cells, 1 between rows.
-    cuts : where cells are cut along rows and columns into the pieces that strips are told of.
+    axis : 0 for borders between columns of cells, 1 between rows.
+    cuts : where cells are cut along rows and columns into the pieces by which strips are given.
     piece, share : (E,), number of a piece, row by row, and how much of it a strip takes.
     border : (E,), number of the border, row by row: of (rows, cols - 1) or (rows - 1, cols).
-    ahead : (E,), whether the projector shows the cell behind the border already, and the mask the
-        one before it; else the other way around.
+    ahead : (E,), whether the projector already shows the cell behind the border where the mask
+        still shows the one in front of it; else the other way around.
     """
 
     axis: int
@@ -117,7 +118,7 @@ class BorderStrips:
 
     @property
     def step(self) -> float:
-        """How wide a piece is across a border, in cells."""
+        """Width of a piece across a border, in cells."""
         return self.cuts[1 - self.axis][1]
 
     def of_field(self, grid: _Grid) -> float:
@@ -131,7 +132,7 @@ class BorderStrips:
         return np.unique(self.piece)
 
     def centres(self, grid: _Grid) -> Floats:
-        """Where those pieces lie on the field, (pieces, 2): x and y of their centres."""
+        """Where these pieces lie on the field, (pieces, 2): x and y of their centres."""
         (down, right), across = self.cuts, grid[1] * (len(self.cuts[1]) - 1)
         row, column = np.divmod(self.pieces, across)
         found = []
@@ -171,11 +172,11 @@ def find_strips(
     projector: PanelView, mask: PanelView, grid: _Grid, fine: int
 ) -> tuple[BorderStrips, ...]:
     """Where the panels show different cells along the borders of cells, to a thousandth of a
-    pixel; nothing where that is nowhere, or where a pixel is as large as a cell.
+    pixel; empty if they do so nowhere, or where a pixel is as large as a cell.
 
-    projector, mask : as they are believed to lie. grid : rows and columns of cells. fine : pieces
-    of a cell along each border that are told of one by one, at least. Those of the last geometries
-    are remembered: most runs of a bench have the same.
+    projector, mask : as they are believed to lie. grid : rows and columns of cells. fine : least
+    number of pieces of a cell along each border. The results for the last geometries are cached:
+    most runs of a bench have the same.
     """
     maps = projector.map, mask.map
     straight = all(map(_lies_straight, maps))
@@ -192,11 +193,11 @@ class BorderPixels:
     """Pixels of both panels beside borders, which reach into any strip in which the other panel
     shows another cell.
 
-    projector, inner, mask : (height, width) uint16, of which kinds a pixel is, a bit each: of the
-        kind of the cell that it lights, or of those of the cells across the borders that it lies
-        beside. Cells of a kind lie `APART` rows or columns from each other. `inner` are pixels of
-        the projector that lie next to those beside borders, and reach into no strip. reach : half
-        width of the lines of pixels beside borders, in cells (x, y).
+    projector, inner, mask : (height, width) uint16, the kinds of a pixel, a bit each: the kind of
+        the cell that it lights, or those of the cells across the borders beside it. Cells of a
+        kind lie `APART` rows or columns from each other. `inner` are pixels of the projector that
+        lie next to those beside borders, and reach into no strip.
+    reach : half width of the lines of pixels beside borders, in cells (x, y).
     """
 
     projector: NDArray[np.uint16]
@@ -207,8 +208,8 @@ class BorderPixels:
     def of_kinds(
         self, inner: bool = False
     ) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-        """The pixels of projector and mask that are lit and open for strips of each kind; `inner`
-        ones of the projector instead."""
+        """The pixels of projector and mask that are lit and open for strips of each kind; with
+        `inner`, the inner pixels of the projector instead."""
         lit = self.inner if inner else self.projector
         for kind in range(APART**2):
             yield (lit >> kind & 1) > 0, (self.mask >> kind & 1) > 0
@@ -217,7 +218,7 @@ class BorderPixels:
 def find_border_pixels(
     projector: PanelView, mask: PanelView, grid: _Grid, margin_px: float
 ) -> BorderPixels:
-    """The pixels that strips along borders are made of, for a photo of their light
+    """The pixels that make up the strips along borders, for a photo of their light
     (`pdcd.planning.border_photo`).
 
     projector, mask : as they are believed to lie. margin_px : projector pixels by which one of them
@@ -250,7 +251,7 @@ def find_border_pixels(
 def measure_border_reach(
     projector: PanelView, mask: PanelView, grid: _Grid, margin_px: float
 ) -> tuple[float, float]:
-    """How far from a border a pixel may lie that reaches into a strip there, in cells (x, y)."""
+    """Largest distance (x, y) from a border of a pixel that reaches into its strip, in cells."""
     half = [_half_px(view.map, np.ones(2)) for view in (projector, mask)]
     reach = (half[0] + half[1] + 2.0 * margin_px * half[0]) * grid[::-1]
     return float(reach[0]), float(reach[1])
@@ -265,7 +266,7 @@ def _bit(cell: NDArray[np.int64]) -> NDArray[np.uint16]:
 
 def find_nearest_grid(projector: PanelView, mask: PanelView, grid: _Grid) -> _Grid | None:
     """The nearest rows and columns of cells that end on pixels of both panels, the finer of two
-    that are as near; None where panels do not fill the field, or none is within a factor of 2."""
+    equally near ones; None where panels do not fill the field, or none is within a factor of 2."""
     sizes = [view.size_px[::-1] for view in (projector, mask) if _fills(view.map)]
     if len(sizes) < 2:
         return None
@@ -300,7 +301,7 @@ def _strips(
     """The strips of one direction of borders; None where pixels are as large as cells."""
     across, along = (grid[1], grid[0]) if axis == 0 else grid
     ones = np.ones(2)
-    # The outermost pieces stay empty, so that strips may be moved by one.
+    # The outermost pieces stay empty, so that strips can be shifted by one.
     half = max(float(_half_px(m, ones)[axis]) for m in (projector, mask))
     reach = half * across * _EDGES / (_EDGES - 1.001)
     if across < 2 or reach > _MOST_REACH:
@@ -310,7 +311,7 @@ def _strips(
     edges = (*steps.tolist(), *(1.0 - steps[::-1]).tolist())
     cuts = (whole, edges) if axis == 0 else (edges, whole)
     count = along * fine * lines
-    # Every line in a place of its own within its stretch, so that they keep no step with pixels.
+    # Each line has another place within its stretch, so that lines do not coincide with pixels.
     spread = (np.arange(count) * GOLDEN) % 1.0 if lines > 1 else np.full(count, 0.5)
     place = (np.arange(count) + spread) / count
     border = np.repeat(np.arange(1, across), count)
@@ -340,7 +341,7 @@ def _strips(
 def _turns(
     map_: Map, points: Floats, axis: int, border: NDArray[np.int64], across: int, reach: float
 ) -> Floats:
-    """How far behind a border, in cells, a panel goes over from the cell before it to the one
+    """How far behind a border, in cells, a panel changes from the cell in front of it to the one
     behind; NaN where it has no pixel. points : (n, 2) on borders."""
     low, high = np.full(len(points), -reach), np.full(len(points), reach)
     size = np.array(map_.size_px)
@@ -357,14 +358,14 @@ def _turns(
 
 
 def _pieces(count: int) -> Iterator[slice]:
-    """So many places, a few at a time: a plan of a small grid takes no more memory than this."""
+    """Slices of so many places, a few at a time, to bound the memory."""
     for start in range(0, count, _PIECE):
         yield slice(start, min(start + _PIECE, count))
 
 
 def _beside(axis: int, grid: _Grid, size: Floats) -> tuple[Floats, Floats]:
-    """Points (n, 2) of the field on the borders of cells along an axis, and how far beside them to
-    look, (n,), -1 to 1 and never 0."""
+    """Points (n, 2) of the field on the borders of cells along an axis, and the relative distance
+    from them to sample, (n,), -1 to 1 and never 0."""
     count = grid[1 - axis]
     if count < 2:
         return np.empty((0, 2)), np.empty(0)
@@ -378,8 +379,8 @@ def _beside(axis: int, grid: _Grid, size: Floats) -> tuple[Floats, Floats]:
 
 
 def _half_px(map_: Map, size: Floats) -> Floats:
-    """Half a pixel of a device along x and y of the field, in projector pixels, (2,): the most over
-    some pixels."""
+    """Half a pixel of a device along x and y of the field, in projector pixels, (2,): the largest
+    of some pixels."""
     width, height = map_.size_px
     at = np.stack(np.meshgrid(np.linspace(0, width, 5), np.linspace(0, height, 5)), axis=-1)
     at = at.reshape(-1, 2)

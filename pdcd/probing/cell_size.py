@@ -1,4 +1,4 @@
-"""How small the cells may be: what of the direct light leaks into indirect photos.
+"""How small cells may be, given the direct light that leaks into indirect photos.
 
 An indirect photo of a cell is taken while the cell itself is dark and the cells around it are lit
 by chance, through a window on the mask in the cell's middle. Blur and misregistration bring the
@@ -6,8 +6,8 @@ neighbours' light into that window. At a point x of an axis, the cell's own ligh
 
     own(x) = Phi((x - e) / s) - Phi((x - c - e) / s)
 
-for a cell of side c, blur s and offset e; all that is not its own is leak. Its mean over the window
-from g to c - g, g = c (1 - w) / 2, is 1 - l with
+for a cell of side c, blur s and offset e; all light that is not its own is leak. The mean of own
+over the window from g to c - g, g = c (1 - w) / 2, is 1 - l with
 
     l = [S(g-e) - S(c-g-e) + S(g+e) - S(c-g+e)] / (w c),    S(t) = s phi(t/s) - t Q(t/s),
 
@@ -30,28 +30,28 @@ from pdcd.arrays import Floats
 from pdcd.errors import CalibrationError
 
 _BLURS = 2.5
-"""A guard keeps off so many standard deviations of the blur: at a window's edge, 0.6 % of the light
-is then a neighbour's, further in less."""
+"""Width of a guard in standard deviations of the blur: at the edge of a window, 0.6 % of the light
+is then a neighbour's, and less further in."""
 _WHOLE, HALF = 1.0, 0.5
-"""Shares of a cell's side that windows have: the whole cell, or a quarter of its area."""
+"""Shares of a cell's side that windows take: the whole cell, or a quarter of its area."""
 _TABLE_PX = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
 """Cells of the printed table."""
 _STEP_PX = 1.0 / 64.0
-"""How finely the smallest cell for a given leak is looked for."""
+"""Step of the search for the smallest cell with a given leak."""
 _LARGEST_PX = 64.0
-"""The largest that is looked at."""
+"""Largest cell of that search."""
 _PLACES = 48
-"""Places along a window at which `compute_leak_rms` looks."""
+"""Places along a window over which `compute_leak_rms` averages."""
 
 
 @dataclass(frozen=True)
 class MaskAlignment:
     """How well light and mask meet on a bench, in projector pixels.
 
-    e95_px : offset that 95 % of the field stay below, its length.
+    e95_px : length of the offset that 95 % of the field do not exceed.
     blur_px : standard deviation of the blur from the projector's pixels to the mask.
     mask_px : side of a mask's pixel. Windows end at whole pixels of the mask; over a field their
-        edges scatter by its uniform distribution, which counts as blur. 0 leaves that out.
+        edges scatter uniformly within a pixel, which counts as blur. 0 leaves that out.
     """
 
     e95_px: float
@@ -95,8 +95,8 @@ def compute_leak(
 
 
 def compute_bench_leak(meeting: MaskAlignment, cell_px: ArrayLike, window: ArrayLike) -> Floats:
-    """`compute_leak` of a bench, its offset along the diagonal: the worst that 95 % of the field
-    have."""
+    """`compute_leak` of a bench, with its offset along the diagonal: the worst of 95 % of the
+    field."""
     along = meeting.e95_px / np.sqrt(2.0)
     return compute_leak(cell_px, window, (along, along), meeting.spread_px)
 
@@ -108,9 +108,9 @@ def compute_leak_rms(
     blur_px: float,
     quad_px: float = 0.0,
 ) -> Floats:
-    """Root of the mean square over the camera's quads of what `compute_leak` is the mean of: leaks
-    lie along the edges of cells, where fine quads see them in full. offset_px : (n,) either way;
-    returns (n,). quad_px : side of a quad; one that sees two windows has its share of both.
+    """Root of the mean square over the camera's quads of the leak, of which `compute_leak` is the
+    mean: leaks lie along the edges of cells, where fine quads see them in full. offset_px : (n,)
+    each way; returns (n,). quad_px : side of a quad; one that sees two windows averages both.
     """
     at = cell_px * (0.5 + window * ((np.arange(_PLACES) + 0.5) / _PLACES - 0.5))
     of_quad = int(np.clip(round(quad_px / (cell_px * window) * _PLACES), 1, _PLACES))
@@ -136,12 +136,12 @@ def compute_own_share(
 
 
 def guard_px(cell_px: float, window: float) -> float:
-    """Way from the window's edge to that of its cell."""
+    """Distance from the window's edge to that of its cell."""
     return 0.5 * cell_px * (1.0 - window)
 
 
 def find_largest_window(meeting: MaskAlignment, cell_px: float) -> float:
-    """The largest share of a cell's side that leaves the guard which the bench needs.
+    """The largest share of a cell's side that leaves the guard that the bench needs.
 
     0 where the cell is too small for any window.
     """
@@ -175,7 +175,7 @@ class CellSizeRow:
 
 
 def list_cell_leaks(meeting: MaskAlignment) -> list[CellSizeRow]:
-    """What cells of some sizes leak on this bench."""
+    """The leaks of cells of some sizes on this bench."""
     cells = np.asarray(_TABLE_PX, dtype=np.float64)
     whole, half = (compute_bench_leak(meeting, cells, window) for window in (_WHOLE, HALF))
     enough = guard_px(1.0, HALF) * cells >= meeting.guard_px

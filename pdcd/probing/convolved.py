@@ -1,10 +1,10 @@
-"""A wanted matrix that depends on the shift between two cells alone: a filter with many taps.
+"""A wanted matrix that depends only on the shift between two cells: a filter with many taps.
 
-Few taps are as well a sum of `pdcd.probing.wanted.MatchPart`. But a sum over pairs of parts grows
-with their square, and a kernel over a whole grid has four times as many taps as there are cells.
-Here all sums over shifts are convolutions, done by FFT: O(N log N) for each image.
+A filter with few taps can also be a sum of `pdcd.probing.wanted.MatchPart`. But a sum over pairs of
+parts grows with their square, and a kernel over a whole grid has four times as many taps as there
+are cells. Here all sums over shifts are convolutions, done by FFT: O(N log N) for each image.
 
-Wanted weights along epipolar lines: rows of cells of a rectified rig.
+The module also has wanted weights along epipolar lines: rows of cells of a rectified rig.
 """
 
 from __future__ import annotations
@@ -59,14 +59,14 @@ class KernelPart:
         return np.asarray(KernelPart(self.grid, shared).others(weights[None])[0])
 
     def product(self) -> None:
-        """See `Part.product`: it is none."""
+        """See `Part.product`: there is none."""
 
     @property
     def _centre(self) -> tuple[int, int]:
         return self.taps.shape[0] // 2, self.taps.shape[1] // 2
 
     def _at(self, n: Indices, m: Indices) -> Floats:
-        """Entries of cells n and m, numbered row by row; arrays of shapes that fit each other."""
+        """Entries of cells n and m, numbered row by row; arrays of shapes that broadcast."""
         up, left = self._centre
         down = n // self.grid[1] - m // self.grid[1] + up
         right = n % self.grid[1] - m % self.grid[1] + left
@@ -100,7 +100,7 @@ def filter_images(images: Floats, taps: Floats, shape: Grid) -> Floats:
 
 
 def _cut(taps: NDArray[np.float64], shape: tuple[int, ...]) -> Floats:
-    """Odd-sided taps with another shape, the centre kept: cut off, or filled up with 0."""
+    """Odd-sided taps cut or padded with 0 to another shape around the same centre."""
     out = np.zeros(shape)
     spans = []
     for have, want in zip(taps.shape, shape, strict=True):
@@ -142,7 +142,7 @@ class SameRowPart:
         return other.overlap(self, weights)
 
     def product(self) -> None:
-        """See `Part.product`: it is none."""
+        """See `Part.product`: there is none."""
 
 
 def _sums(lines: Floats, radius: int) -> Floats:

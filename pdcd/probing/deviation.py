@@ -1,9 +1,9 @@
-"""How far a realised probing matrix is from the wanted one, and by what it must be divided.
+"""How far a realised probing matrix is from the wanted one, and what it must be divided by.
 
-No matrix is looked at entry by entry. What is wanted is a sum of parts that can sum up their own
-rows (`pdcd.probing.wanted`), what was realised is ``left.T @ right`` with R rows each: sums over
+No matrix is evaluated entry by entry. The wanted matrix is a sum of parts that can sum up their own
+rows (`pdcd.probing.wanted`), the realised one is ``left.T @ right`` with R rows each: sums over
 its rows follow from sums over `right`, sums of squares from ``right @ right.T``. So all of this
-takes O(N R^2) time and O(N) memory beside the factors.
+takes O(N R^2) time and O(N) memory in addition to the factors.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from pdcd.probing.realised import Factors, split_into_blocks
 from pdcd.probing.wanted import WantedMatrix
 
 _IMAGES = 32
-"""Rows of the factors that go through a wanted matrix together."""
+"""Rows of the factors that are multiplied by a wanted matrix together."""
 EXACT_CELLS = 1024
-"""Most cells at which every single pair is looked at, for the largest deviation."""
+"""Most cells at which every single pair is evaluated, for the largest deviation."""
 
 
 class Deviation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Realised against wanted, all relative to the weight 1 of the wanted matrix.
+    """The realised matrix compared with the wanted one, relative to the weight 1 of the latter.
 
     `weight_s` is the best common factor (least squares), in seconds of open mask and lit projector.
-    `diagonal_*` speak of direct light, point by point; `off_*` of all other paths between cell
+    `diagonal_*` are about direct light, point by point; `off_*` about all other paths between cell
     averages: the RMS of all, that of the cell where it is largest, and the largest of any single
-    path. The last needs a look at all N^2 pairs, and is left out beyond `EXACT_CELLS`; no path can
-    be further off than ``sqrt(N - 1) * off_rms_worst``.
+    path. The last needs all N^2 pairs, and is left out beyond `EXACT_CELLS`; no path can be further
+    off than ``sqrt(N - 1) * off_rms_worst``.
     """
 
     weight_s: float
@@ -45,7 +45,7 @@ class Deviation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 def row_weights_s(realised: Factors, wanted: WantedMatrix) -> tuple[Floats, Floats]:
     """Inner products of wanted and realised, and of wanted with itself, row by row, (N,) each.
 
-    The diagonal of the realised matrix is `coaxial`: what direct light sees.
+    The diagonal of the realised matrix is `coaxial`: the weight of direct light.
     """
     cells = wanted.cells
     if wanted.uniform is not None:
@@ -61,13 +61,15 @@ def row_weights_s(realised: Factors, wanted: WantedMatrix) -> tuple[Floats, Floa
 def weight_s(realised: Factors, wanted: WantedMatrix) -> float:
     """Least-squares factor between a realised and a wanted matrix, in seconds.
 
-    Direct light in one photo with indirect is one entry of a row against N - 1, so that factor
-    follows the indirect light alone. Where codes are even, they show that slightly less, or more,
-    than p times as long as direct light; with `by_direct` this is not taken out on direct light.
+    Direct light in one photo with indirect light is one entry of a row against N - 1, so that this
+    factor follows the indirect light alone. Even codes show indirect light slightly less, or more,
+    than p times as long as direct light; with `by_direct` the factor follows direct light instead.
+
     Windows of parts of cells smear what is finer than a cell: half of the light from a matched cell
-    that is not the own, and of the edges of stripes, comes from the cells beside. The
-    least-squares factor takes that for light lost, and the photo would be too bright; with
+    other than the own, and of the edges of stripes, comes from the cells beside it. The
+    least-squares factor counts that light as lost, and the photo would be too bright; with
     `by_light` the factor is that of all the light.
+
     Falls back to the mean open time where the wanted matrix is zero everywhere (one single cell
     has no indirect light).
     """
@@ -86,13 +88,13 @@ def weight_s(realised: Factors, wanted: WantedMatrix) -> float:
 
 
 def _light_weight_s(realised: Factors, wanted: WantedMatrix) -> float:
-    """Light of all paths but those of direct light over what it was to be, in seconds."""
+    """Light of all paths except direct light, over the wanted amount, in seconds."""
     kept = realised.total_s - realised.trace_s
     return kept / float(wanted.others(np.ones((1, wanted.cells))).sum())
 
 
 def _matched_weight_s(realised: Factors, wanted: WantedMatrix, partner: NDArray[np.int64]) -> float:
-    """Light that matched cells got over what they were to get, in seconds."""
+    """Light that matched cells got, over the wanted amount, in seconds."""
     there = np.flatnonzero(partner >= 0)
     right = realised.right[:, partner[there]]
     got = np.einsum("rn,rn->n", realised.left[:, there], right)
@@ -110,8 +112,8 @@ def measure_deviation(
     """Compare the two, as exactly as `compute_row_deviations`; `alive` may raise to end the work.
 
     apart : share of the field in which both panels show different cells
-    (`pdcd.probing.borders`). Direct light has the weight of other paths there; it is counted in the
-    mean where all other paths are to have one weight.
+    (`pdcd.probing.borders`). There direct light has the weight of other paths. It is included in
+    the mean if all other paths are to have one weight.
     """
     weight = weight_s(realised, wanted)
     scale = weight if weight != 0.0 else 1.0
@@ -142,7 +144,7 @@ def compute_row_deviations(
     (N,) float64 each; a scene of one cell has no entries off the diagonal, so 0. `alive` is called
     at every block of cells, and may raise to end the work.
 
-    Parts of the wanted matrix that are products join the factors, so that what is left of a row is
+    Parts of the wanted matrix that are products join the factors, so that the rest of a row is
     ``l @ right``. Its variance is ``l @ C @ l`` with the covariance C of `right`, which is never
     negative, less the one entry on the diagonal; other parts add what they share with it.
 
@@ -178,7 +180,7 @@ def compute_row_deviations(
     square -= own**2 * (cells / others)
     banded = wanted.banded()
     norm = banded.squares()
-    if norm.any():  # not where all that is left of it is on the diagonal
+    if norm.any():  # not if all that is left of it is on the diagonal
         total = banded.others(np.ones((1, cells)))[0]
         shared = _inner(realised.left, realised.right, banded, level[: -len(projector) or None])
         shared = shared / weight - _inner(camera, projector, banded, projector.mean(axis=1))
@@ -201,7 +203,7 @@ def _inner(
 
 
 def _largest(realised: Factors, wanted: WantedMatrix, weight: float) -> float:
-    """Largest deviation of any path off the diagonal, by a look at all of them."""
+    """Largest deviation of any path off the diagonal, from all of them."""
     error = realised.dense() / weight - wanted.dense()
     np.fill_diagonal(error, 0.0)
     return float(np.abs(error).max())

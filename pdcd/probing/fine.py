@@ -1,32 +1,29 @@
-"""What the panels did to parts of cells: finer than the realised matrix, summed up over its rows.
+"""What the panels did to parts of cells: finer than the realised matrix, summed over its rows.
 
-Smooth transport sees the mean of the mask over each cell, and that is all that the realised matrix
-knows. A camera with many pixels a cell sees the mask's windows one by one, and these need not have
+Smooth transport sees the mean of the mask over each cell, and the realised matrix contains only
+that. A camera with many pixels a cell sees the mask's windows one by one, and these need not have
 been open equally long: a slow panel gives the sub-shift that comes first another time than the
 others, and a lost refresh hits one of them. So for every part of a cell that lies in one window a
 few sums over the row of its matrix are kept, and nothing of the matrix itself.
 
-Direct light that reaches the mask blurred: what windows see of lit halves of cells.
-
-Relay and focus spread a point of the scene over the mask by a Gaussian. For windows as small as
-that it decides how much direct light goes past the right one. Both panels are constant on
-rectangles, so that the time for which a point is lit and seen, averaged over a window's part of a
-cell, is a weighted sum over the rectangles of light around it, with weights in closed form:
+**Direct light that reaches the mask blurred.** Relay and focus spread a point of the scene over the
+mask by a Gaussian. For windows as small as that, the Gaussian determines how much direct light
+misses the right one. Both panels are constant on rectangles. So the time for which a point is lit
+and seen, averaged over a window's part of a cell, is a weighted sum over the rectangles of light
+around it, with weights in closed form:
 
     integral over x in [a, b], y in [c, d] of G(x - y) = S(b-c) - S(a-c) - S(b-d) + S(a-d)
 
-with ``S(t) = t Phi(t/s) + s phi(t/s)``, along either axis.
+with ``S(t) = t Phi(t/s) + s phi(t/s)``, along either axis. The scene is assumed to reflect the
+light around as it does in the middle.
 
-The light around is taken as if the scene reflected there what it does in the middle.
-
-For how long points of a camera cell are seen while the place that lights them is lit.
-
-On an off-axis bench the light at the point x of a camera cell was sent from x + d, with one
-displacement d for each cell (`pdcd.virtual.scene.displaced`). Windows of the mask and halves of
-projector cells cut the cell into rectangles on which neither changes. Along either axis these are
-cut by the same edges of windows in all cells, and by the edges of projector cells moved by -d,
-which differ from cell to cell. So each pair of a window and one of the few halves that a cell can
-meet is taken for all cells at once, with the area that it has in each.
+**Off-axis light.** This is the time for which points of a camera cell are seen while the place that
+lights them is lit. On an off-axis bench the light at the point x of a camera cell was sent from
+x + d, with one displacement d for each cell (`pdcd.virtual.scene.displaced`). Windows of the mask
+and halves of projector cells cut the cell into rectangles on which neither changes. Along either
+axis these are cut by the same edges of windows in all cells, and by the edges of projector cells
+moved by -d, which differ from cell to cell. So each pair of a window and one of the few halves that
+a cell can meet is processed for all cells at once, with the area that it has in each.
 """
 
 from __future__ import annotations
@@ -45,7 +42,7 @@ from pdcd.panels.lattice import Lattice, Overlap, Piece
 
 @dataclass(frozen=True, eq=False)
 class PieceWeights:
-    """Of every piece of the cells, (rows * P, cols * Q) float64 each, all in seconds.
+    """Sums for every piece of the cells, (rows * P, cols * Q) float64 each, all in seconds.
 
     cuts : where each cell is cut along rows and columns, 0 and 1 included.
     smooth : whether all codes of neighbouring pieces are shown through windows of their own, so
@@ -61,7 +58,7 @@ class PieceWeights:
     coaxial: Floats
 
     def scaled(self, factor: float) -> PieceWeights:
-        """The same times a number."""
+        """All sums times a number."""
         return PieceWeights(
             self.cuts, self.smooth, factor * self.light, factor * self.own, factor * self.coaxial
         )
@@ -72,7 +69,7 @@ class PieceWeights:
 
 
 def sum_piece_weights(terms: Iterable[tuple[float, PieceWeights | None]]) -> PieceWeights | None:
-    """Weighted sum; None where any is missing, or where cells are cut in different ways."""
+    """Weighted sum; None if any term is missing, or if cells are cut in different ways."""
     total: PieceWeights | None = None
     for factor, fine in terms:
         if fine is None or (total is not None and total.cuts != fine.cuts):
@@ -93,7 +90,7 @@ def _plus(one: PieceWeights, other: PieceWeights) -> PieceWeights:
 
 
 class PieceSums:
-    """Gathers `PieceWeights` of one chunk of an exposure."""
+    """Adds up the `PieceWeights` of one chunk of an exposure."""
 
     def __init__(self, lattice: Lattice) -> None:
         self._lattice = lattice
@@ -124,7 +121,7 @@ class PieceSums:
                 self._own[i, j] += np.einsum("rij,rij->ij", seen, lights[live[:, field]])
 
     def fine(self) -> PieceWeights:
-        """All that was added."""
+        """The sums of all that was added."""
         cuts = tuple((0.0, *(p.high for p in axis[:-1]), 1.0) for axis in self._pieces)
         return PieceWeights(
             (cuts[0], cuts[1]),
@@ -148,7 +145,7 @@ def is_cut_by_windows(lattice: Lattice) -> bool:
 
 
 GAUSSIAN_REACH = 9.0
-"""Standard deviations beyond which nothing of a Gaussian is left that float64 would notice."""
+"""Standard deviations beyond which the rest of a Gaussian is below the rounding of float64."""
 
 
 class Blur:
@@ -172,7 +169,7 @@ class Blur:
         )
 
     def light(self, lights: Floats) -> Iterator[Floats]:
-        """Mean light on each of `Lattice.windows`, (R, rows, cols), out of the projector's fields
+        """Mean light on each of `Lattice.windows`, (R, rows, cols), from the projector's fields
         (R, fields, N)."""
         rows, cols = self._lattice.grid
         halves = self._halves
@@ -209,7 +206,7 @@ class Blur:
 
 @dataclass(frozen=True)
 class _Strip:
-    """Along one axis: a piece of the mask and the part of a projector cell behind it.
+    """Along one axis: a piece of the mask and the part of a projector cell that lights it.
 
     length : (N,) share of each cell; half : (N,) which half of a cell (0, or 1 of two); cell : (N,)
     its row or column.
@@ -224,8 +221,8 @@ class _Strip:
 
 @dataclass(frozen=True, eq=False)
 class Beams:
-    """Direct light of displaced places on a lattice; displacement (N, 2), down and right in cells,
-    NaN where there is none."""
+    """Direct light from displaced places on a lattice; displacement (N, 2), down and right in
+    cells, NaN where there is none."""
 
     lattice: Lattice
     displacement: Floats

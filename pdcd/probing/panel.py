@@ -1,4 +1,4 @@
-"""How one panel answers: black leak, first-order rise and fall, skew.
+"""How one panel responds: black leak, first-order rise and fall, skew.
 
 Between two changes of its target a pixel follows ``level + deviation * exp(-t / tau)``, with one
 time constant towards white and one towards black. A panel's whole exposure is therefore a list of
@@ -20,13 +20,13 @@ from pdcd.bench.tables import PanelConfig
 from pdcd.panels.curve import Curve
 
 _SHORTEST_S = 1e-300
-"""Time constants below this one jump as it does; their rates would leave the range of float64."""
+"""Time constants below this one count as it: their rates would be beyond the range of float64."""
 
 
 @dataclass(frozen=True)
 class PanelOptics:
     """Optics of one panel: time constants in s, black over white, delay of the light in ns, and the
-    light of what is sent; None: it is taken as light."""
+    curve from level to light; None: levels are taken as light."""
 
     rise_s: float = 0.0
     fall_s: float = 0.0
@@ -42,7 +42,7 @@ class PanelOptics:
         return cls(config.rise_s, config.fall_s, leak, skew_ns, curve_of(config))
 
     def later(self, delay_ns: int) -> PanelOptics:
-        """The panel as those of its rows behave that come so much later."""
+        """The panel as seen by rows whose light comes `delay_ns` later."""
         return replace(self, skew_ns=self.skew_ns + delay_ns) if delay_ns else self
 
     @property
@@ -51,7 +51,7 @@ class PanelOptics:
         taus = [self.rise_s] if self.rise_s == self.fall_s else [self.rise_s, self.fall_s]
         if self.rise_s == self.fall_s == 0.0:
             taus = []
-        # A zero constant beside a finite one: that field is always zero, any rate will do.
+        # If one of the constants is zero its field is always zero, and any rate will do.
         return np.array([0.0] + [1.0 / max(t, _SHORTEST_S) if t > 0.0 else 1.0 for t in taus])
 
 
@@ -129,14 +129,14 @@ class Trajectory:
     def take(self, start: int, stop: int) -> Floats:
         """Fields of spans start..stop-1, (stop - start, fields, P) float64.
 
-        Calls go on where the last one stopped, or one span before.
+        Each call continues where the last one stopped, or one span before that.
         """
         out = np.empty((stop - start, self.fields, self._state.size))
         kept = self._held[start - self._first :]
         out[: len(kept)] = kept
         for span in range(start + len(kept), stop):
             self._advance(span, out[span - start])
-        # The last span may reach into the next call; a copy lets go of the rest.
+        # The last span may reach into the next call; the copy frees the rest.
         self._held, self._first = out[-1:].copy(), stop - 1
         return out
 
@@ -148,7 +148,7 @@ class Trajectory:
         np.multiply(asked, 1.0 - panel.leak, out=level)
         level += panel.leak
         if panel.leak:
-            level[asked == 1.0] = 1.0  # exactly, whatever the rounding: full light has no leak
+            level[asked == 1.0] = 1.0  # exactly, in spite of rounding: full light has no leak
         if self.fields == 1:
             return
         rising = level >= self._state
@@ -201,7 +201,7 @@ class RecentSpans:
         return self._fields[start - self._first : stop - self._first]
 
     def forget(self, before: int) -> None:
-        """Let go of the spans before this one."""
+        """Free the spans before this one."""
         gone = min(before, self.reached) - self._first
         if gone > 0:
             self._fields, self._first = self._fields[gone:].copy(), self._first + gone

@@ -1,9 +1,9 @@
-"""The realised probing matrix out of the pixels that two panels really showed.
+"""The realised probing matrix from the pixels that two panels really showed.
 
-`pdcd.probing.realised` trusts that a panel shows each code where it belongs, and so needs a handful
-of fields for a cell. Here nothing is trusted: every pixel of both panels has a history of its own,
-and a wrong pixel, exchanged panels, or a mirrored or shifted window yield the matrix that they
-deserve. Pixels that no cell edge respects are shared between cells by area.
+`pdcd.probing.realised` trusts that a panel shows each code where it belongs, and so needs only a
+few fields for a cell. Here nothing is trusted: every pixel of both panels has a history of its own.
+A wrong pixel, exchanged panels, or a mirrored or shifted window change the matrix as they would on
+a bench. Pixels that lie across the edge of a cell are shared between cells by area.
 
 Not for long runs: an exposure of K codes costs K passes over all pixels of both panels.
 """
@@ -74,7 +74,7 @@ class _Places:
     ) -> None:
         self.cells = grid[0] * grid[1]
         self._primal_shape = primal_px[1], primal_px[0]
-        # One more row and column for all that lies outside the mask: black, as its frame is.
+        # One more row and column for all that lies outside the mask: black, like its frame.
         self.dual_shape = dual_px[1] + 1, dual_px[0] + 1
         axes = [
             _Axis.cut(grid[a], self._primal_shape[a], self.dual_shape[a] - 1, offset[a])
@@ -131,7 +131,7 @@ def compute_pixel_factors(
     Parameters
     ----------
     shown : one picture of each panel for every row of `log`.
-    log : when each row began on each panel; its row numbers are not looked at.
+    log : when each row began on each panel; its row numbers are not used.
     projector, mask : optics of the panels, misregistration included; both rest on black when the
         shutter opens. Levels become light by `gamma` or `lut`, the same for all colours.
     grid : (rows, cols) of the scene's cells; both panels spread over all of them.
@@ -171,7 +171,7 @@ def _chunks(
     places: _Places, p_track: Trajectory, d_track: Trajectory, weights: Any, opens: Any, spans: int
 ) -> Iterator[Factors]:
     """The factors of each span of the projector that the shutter was open for."""
-    reached = 0  # spans of the mask come in order, none left out, the last one perhaps twice
+    reached = 0  # spans of the mask come in order, without gaps, the last one perhaps twice
     for span in range(spans):
         lights = p_track.take(span, span + 1)[0]
         rows = weights[span * p_track.fields : (span + 1) * p_track.fields]
@@ -189,7 +189,7 @@ def _chunks(
 
 def _check(shown: ShownPictures, log: FrameLog, projector: PanelConfig, mask: PanelConfig) -> None:
     """Raise ConfigError when pictures and log differ in number, pictures and panels in size, or
-    panels are described by more than pixels that all answer alike."""
+    panels have more to them than pixels that all respond alike."""
     if len(shown) != len(log):
         raise ConfigError(
             f"{len(shown)} pictures of the screen for {len(log)} refreshes",
@@ -215,7 +215,7 @@ def _check(shown: ShownPictures, log: FrameLog, projector: PanelConfig, mask: Pa
 
 
 def _reduce(places: _Places, lights: Floats, masks: Floats, open_fine: Floats) -> Factors:
-    """Bring the fields of one span of the projector, and what they meet, to the cells."""
+    """Average the fields of one span of the projector, and what they meet, over the cells."""
     alive = masks.any(axis=1) & lights.any(axis=1)
     cells = places.cells
     left, right, coaxial = np.zeros((0, cells)), np.zeros((0, cells)), np.zeros(cells)

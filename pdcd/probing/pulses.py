@@ -1,13 +1,13 @@
 """Two panels that pulse in step: how much light gets through both, in closed form.
 
 Panels are asked for black or white refresh by refresh, again and again. One that is asked for white
-goes up by ``1 - (1-x) exp(-t/r)``, otherwise down by ``x exp(-t/f)``: over a refresh its light is a
-constant and an exponential, and what it begins the first one with is where it is again after the
-last. The mask's refreshes begin some time after the projector's; so each refresh falls into two
-stretches, and the product of both panels over a stretch is an integral of two exponentials.
+goes up by ``1 - (1-x) exp(-t/r)``, otherwise down by ``x exp(-t/f)``. So over a refresh its light
+is a constant and an exponential; the light at the beginning of the first one is that at the end of
+the last. The mask's refreshes begin some time after the projector's, so that each refresh falls
+into two stretches. Over a stretch the product of both panels is an integral of two exponentials.
 
-`pdcd.probing.realised` says the same of any exposure; this is it for pulses without beginning or
-end, some thousand times faster, as a fit needs it.
+`pdcd.probing.realised` computes the same for any exposure. This module does it for endless pulses,
+some thousand times faster, as a fit needs it.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from pdcd.panels.schedule import SLOTS
 from pdcd.words import ScheduleName
 
 _SHORTEST_S = 1e-7
-"""Time constants below this one are taken as it: nothing that a camera sees tells them apart."""
+"""Shortest time constant: a camera cannot see a difference between shorter ones."""
 _CODES = 12
-"""Codes in a cycle, to foretell what of one gets into the others: the far ones get nothing."""
+"""Codes in a cycle, for the light of one code that gets into the others: far ones get none."""
 
 
 @dataclass(frozen=True)
 class PanelResponse:
-    """How a panel answers, in s: first order, or two such answers at once.
+    """How a panel responds, in s: first order, or two such responses at once.
 
     tail, slower : the share `tail` of the light rises and falls `slower` times as slowly.
 
-    Arrays of answers, too, where they fit what they are asked for.
+    The fields may be arrays of responses, if they broadcast with what they are asked for.
     """
 
     rise_s: float | Floats
@@ -43,7 +43,7 @@ class PanelResponse:
 
     @property
     def parts(self) -> list[tuple[float | Floats, float | Floats, float | Floats]]:
-        """Share, rise and fall of each first-order answer that it is the sum of."""
+        """Share, rise and fall of each first-order response that it is the sum of."""
         if not np.any(self.tail):
             return [(1.0, self.rise_s, self.fall_s)]
         return [
@@ -70,10 +70,11 @@ def compute_pulse_product(
     late_s: ArrayLike,
     refresh_s: float,
 ) -> Floats:
-    """Mean of the product of both panels, 0..1, the mask's light `late_s` after the projector's.
+    """Mean of the product of both panels, 0..1, with the mask's light `late_s` after the
+    projector's.
 
     lit, opened : (..., n) whether projector and mask are asked for white, by refresh. late_s and
-        times of the answers go with what stands before the refreshes.
+        times of the responses broadcast with the axes in front of the refreshes.
     """
     late = np.asarray(late_s, dtype=np.float64)
     whole = np.floor(late / refresh_s)
@@ -107,8 +108,8 @@ class _Course:
         rise, fall = (np.maximum(tau, _SHORTEST_S)[..., None] for tau in (rise_s, fall_s))
         rate = np.where(on, 1.0 / rise, 1.0 / fall)
         kept, level = np.exp(-rate * refresh_s), on.astype(np.float64)
-        # Over all refreshes what it begins with is multiplied and added to: there is one beginning
-        # that comes out as it went in.
+        # Over all refreshes the initial light is multiplied and added to: one initial light is the
+        # same at the end.
         light, share = np.zeros(rate.shape[:-1]), np.ones(rate.shape[:-1])
         for k in range(on.shape[-1]):
             light = level[..., k] + (light - level[..., k]) * kept[..., k]
@@ -121,7 +122,7 @@ class _Course:
         return cls(level, above, rate)
 
     def taken(self, refresh: NDArray[np.int64]) -> _Course:
-        """In other refreshes, numbers (..., n)."""
+        """The same in other refreshes, numbers (..., n)."""
         shape = np.broadcast_shapes(self.above.shape, refresh.shape)
         at = np.broadcast_to(refresh % shape[-1], shape)
         level, above, rate = (
@@ -131,7 +132,7 @@ class _Course:
         return _Course(level, above, rate)
 
     def aged(self, by_s: Floats) -> _Course:
-        """The same later in each refresh."""
+        """The same, later by some time in each refresh."""
         return _Course(self.level, self.above * np.exp(-self.rate * by_s), self.rate)
 
 
@@ -155,7 +156,7 @@ class CodeSeparation:
     """How well a schedule keeps codes apart.
 
     leak : light of one code that gets through the masks of all others, over that through its own.
-    light : what gets through its own, over that of panels that switch at once, one refresh.
+    light : light through its own mask, over that of panels that switch at once, one refresh.
     """
 
     leak: float
@@ -169,7 +170,7 @@ def compute_code_separation(
     late_s: float,
     refresh_s: float,
 ) -> CodeSeparation:
-    """How a schedule keeps a code apart from codes that share no cell with it; perfect blacks."""
+    """How a schedule separates a code from codes without a common cell, with perfect blacks."""
     lit, opened = (np.asarray(side, dtype=np.bool_) for side in SLOTS[schedule])
     codes = np.arange(_CODES)
     light, opening = np.zeros((2, _CODES, _CODES, lit.size), dtype=np.bool_)

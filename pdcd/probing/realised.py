@@ -6,7 +6,7 @@ a closed form, so the whole exposure is ``Pi_hat = U^T W V`` with U, V the field
 a sparse matrix of weights. `compute_factors` yields it in chunks of bounded memory, already reduced
 to the scene's cells; nothing of the size of (panel pixels) squared is ever made.
 
-Two views of the same matrix leave here. Smooth transport sees cell averages: ``left^T right``,
+The result has two views of the same matrix. Smooth transport sees cell averages: ``left^T right``,
 N x N. Direct light comes back at the point it fell on and sees the panels' sub-cell structure:
 `coaxial`, its exact mean over each cell.
 """
@@ -49,7 +49,7 @@ from pdcd.probing.spans import (
 _Bands = tuple[Band, ...]
 
 CELL_BLOCK = 1024
-"""Cells looked at together, or some more; bounds the memory beside the factors."""
+"""Least number of cells processed together; bounds the memory in addition to the factors."""
 FIELD_CHUNK_BYTES = 8 * 2**20
 """Largest field array of a chunk: bounds the memory and stays in the cache."""
 
@@ -63,12 +63,12 @@ class Factors:
     coaxial : (N,) float64
         Mean over each cell of the time for which a point is both lit and seen.
     open_s : (N,) float64
-        Mean over each cell of the time for which the mask is open (what ambient light gets).
-    fine : sums over rows for parts of cells; None where windows do not cut the cells, or where
-        nobody asked.
+        Mean over each cell of the time for which the mask is open (the weight of ambient light).
+    fine : sums over rows for parts of cells; None if windows do not cut the cells, or if not asked
+        for.
     displaced : (N,) float64
-        As `coaxial`, of points whose light comes from another place; None where nobody asked.
-    apart : strips along borders in which the panels show different cells; () where nobody asked.
+        As `coaxial`, of points whose light comes from another place; None if not asked for.
+    apart : strips along borders in which the panels show different cells; () if not asked for.
     """
 
     left: Floats
@@ -81,7 +81,7 @@ class Factors:
 
     @cached_property
     def total_s(self) -> float:
-        """Sum of all entries of ``left.T @ right``, by pairwise sums that no thread reorders."""
+        """Sum of all entries of ``left.T @ right``, by pairwise sums in a fixed order."""
         return float(np.sum(self.left.sum(axis=1) * self.right.sum(axis=1)))
 
     @cached_property
@@ -107,7 +107,7 @@ class Factors:
 
 
 def split_into_blocks(cells: int) -> Iterator[slice]:
-    """All cells, in blocks of `CELL_BLOCK` to twice as many: numpy sums single columns in another
+    """All cells, in blocks of `CELL_BLOCK` to twice as many: numpy sums a single column in another
     order than several."""
     starts = [*range(0, max(cells - CELL_BLOCK, 1), CELL_BLOCK), cells]
     return (slice(start, stop) for start, stop in itertools.pairwise(starts))
@@ -135,7 +135,7 @@ def compute_factors(
     primal, dual : optics of projector and mask; both rest on black when the shutter opens.
     open_ns, close_ns : the exposure, on the clock of the log.
     offset_cells : misregistration of the mask, in cells (rows, cols).
-    fine : look at parts of cells, too.
+    fine : compute parts of cells, too.
     bands : fields of projector and mask whose light comes later than that of others. Time grows
         with the number of the projector's bands, and less with the mask's.
     blur_cells : blur of the light on the mask, of direct light only, in cells (rows, cols).
@@ -153,7 +153,7 @@ def compute_factors(
     fields = sides[0].track.fields
     widest = lattice.dual_fields * (lattice.lattice_cells + 1) * 8
     step = max(1, FIELD_CHUNK_BYTES // (widest * fields))
-    # All bands of a chunk are looked at before the next one, so that the mask is followed once.
+    # All bands of a chunk are processed before the next one, so that the mask is followed once.
     for start in range(0, len(sides[0].starts), step):
         stop = min(start + step, len(sides[0].starts))
         for number, side in enumerate(sides):
@@ -182,7 +182,7 @@ class _Side:
 
 @dataclass(frozen=True)
 class _Exposed:
-    """One exposure, whose panels are looked at band by band."""
+    """One exposure, whose panels are processed band by band."""
 
     frames: Frames
     lattice: Lattice
@@ -212,7 +212,7 @@ class _Exposed:
 
     @cached_property
     def _asked(self) -> tuple[Callable[[int], Floats], Callable[[int], Floats]]:
-        """Light that a row asks of all pixels of either panel; bands ask for the same ones."""
+        """Light that a row asks for of all pixels of either panel; cached, as bands repeat it."""
 
         def of(panel: PanelOptics, primal_side: bool) -> Callable[[int], Floats]:
             wide = self.lattice.dual_fields * (self.lattice.lattice_cells + 1) * 8
@@ -225,7 +225,7 @@ class _Exposed:
         return of(self.primal, True), of(self.dual, False)
 
     def first_met(self, gate: _Side, sides: list[_Side], number: int) -> int:
-        """The mask's first span that spans `number` of the projector, and those after, may meet."""
+        """The first span of the mask that the projector's spans from `number` on may meet."""
         soonest = min((int(s.starts[number]) for s in sides if number < len(s.starts)), default=0)
         return max(int(np.searchsorted(gate.starts, soonest, side="right")) - 1, 0)
 
@@ -287,7 +287,7 @@ def compute_bench_factors(
 
 
 def collect_factors(chunks: Iterable[Factors]) -> Factors:
-    """One `Factors` from all chunks; of rank at most N, whatever the number of codes was.
+    """One `Factors` from all chunks, of rank at most N, whatever the number of codes.
 
     No more than N rows of factors are kept at a time, so that long exposures take no more memory
     than a matrix of all pairs of cells.
@@ -359,7 +359,7 @@ def _chunk(
     first: bool,
 ) -> Factors:
     """Reduce the spans of one chunk to the cells of the scene. The mask's own open time is counted
-    with the `first` band of the projector."""
+    only with the `first` band of the projector."""
     cells = lattice.cells
     left, alive, open_fine = through
     right = right[alive]
@@ -393,7 +393,8 @@ def _meetings(
     lattice: Lattice, masks: Floats, lights: Floats, blur: Blur | None
 ) -> Iterator[tuple[Overlap, Floats, Floats]]:
     """Parts of every cell, with the mask's field there (R, L + 1) and the light on it
-    (R, rows, cols): where one field of either meets, or what a blur mixes on a piece."""
+    (R, rows, cols): parts where one field of either panel meets, or the blurred light of a piece.
+    """
     if blur is None:
         for o in lattice.overlaps:
             yield o, masks[:, o.dual_field], lights[:, o.primal_field].reshape(-1, *lattice.grid)

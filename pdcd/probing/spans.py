@@ -1,12 +1,11 @@
-"""Spans of panels: stretches in which nothing changes what a panel is asked for, and what two of
-them that overlap let through together.
+"""Spans of panels: stretches in which the target of a panel does not change, and what two of them
+that overlap let through together.
 
-Rows of a panel that are set one after the other: when the light of each part of a code comes.
-
-A panel whose last row comes `scan_s` after its first sets its rows in bands, `scan_bands` of them.
-Which row a part of a code lies in is said by the panel's map: on one that stands on its head rows
-count from below, on one that is turned they depend on the column. All of a window, or of a lit half
-cell, comes when the row under its centre does.
+The second half is about rows of a panel that are set one after the other: when the light of each
+part of a code comes. A panel whose last row comes `scan_s` after its first sets its rows in
+`scan_bands` bands. The panel's map says which row a part of a code lies in: if the panel stands on
+its head, rows count from below; if it is turned, they depend on the column. All of a window, or of
+a lit half cell, comes when the row under its centre does.
 """
 
 from __future__ import annotations
@@ -42,13 +41,13 @@ def meet_spans(
     rows: scipy.sparse.csr_array,
     opens: Floats,
 ) -> tuple[Floats, NDArray[np.bool_], Floats]:
-    """What some spans of the projector meet on the mask, pixel by pixel of either.
+    """What some spans of the projector meet on the mask, by pixels of either.
 
     Parameters
     ----------
     right : (spans * fields, P) float64
         Their fields, as `Trajectory.take` gives them.
-    d_track : the mask's; it is asked for those spans that overlap these ones, in order.
+    d_track : the mask's; it is asked for the spans that overlap these ones, in order.
     rows, opens : the rows of both results of `compute_span_weights` for these spans, `opens`
     summed.
 
@@ -142,10 +141,10 @@ def compute_span_weights(
     """Integrals of products of fields over the overlaps of spans.
 
     Returns ``(primal spans * fields, dual spans * fields)`` and, for the open time of the mask
-    alone, ``(primal spans, dual spans * fields)``; of primal spans from the first of `spans` to
-    before the second, where these are given.
+    alone, ``(primal spans, dual spans * fields)``. If `spans` is given, only primal spans from the
+    first of it to before the second are returned.
 
-    Times are subtracted as whole numbers: an hour after the opening, those in s have lost the
+    Times are subtracted as whole numbers: an hour after the opening, times in s would lose the
     picoseconds of a short overlap.
     """
     first, end = spans or (0, p_start_ns.size)
@@ -191,20 +190,20 @@ class Band:
     pixels: slice | NDArray[np.intp]
 
     def count(self, of: int) -> int:
-        """How many pixels it has, of so many."""
+        """How many pixels it has; `of` is that of all."""
         return of if isinstance(self.pixels, slice) else int(self.pixels.size)
 
 
 ALL_AT_ONCE = (Band(0, slice(None)),)
 
 _STRIP_CENTRES = {PLACED: 0.5, MOVED: 0.0, LOWER: 0.25, UPPER: 0.75}
-"""Centre of a strip from the edge of the code cell that it is numbered by."""
+"""Distance of a strip's centre from the edge of the code cell that it is numbered by."""
 
 
 def band_delays_ns(scan_s: float, bands: int) -> SpanTimes:
-    """When each band of rows is set, after the first one of all, (bands,) int64 in ns.
+    """When each band of rows is set, after the first of them, (bands,) int64 in ns.
 
-    scan_s : from the first row until the last one; negative: from the last row until the first.
+    scan_s : from the first row to the last one; negative: from the last row to the first.
     """
     if bands == 1:
         return np.zeros(1, dtype=np.int64)
@@ -215,7 +214,7 @@ def band_delays_ns(scan_s: float, bands: int) -> SpanTimes:
 def split_into_bands(
     panel: PanelConfig, projector: PanelConfig, lattice: Lattice, *, mask: bool
 ) -> tuple[Band, ...]:
-    """The fields of a panel (`pdcd.panels.lattice`), in bands that come equally late.
+    """The fields of a panel (`pdcd.panels.lattice`), in bands that are equally late.
 
     Raises ConfigError for a place that cannot be used.
     """
@@ -233,7 +232,7 @@ def split_into_bands(
 
 
 def _rows(map_: Map, centres: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Row of the panel under each point of the field; where there is none, the nearest."""
+    """Row of the panel under each point of the field, or the nearest one if there is none."""
     y = map_.from_field(centres)[..., 1]
     height = map_.size_px[1]
     return np.clip(np.floor(np.nan_to_num(y)), 0, height - 1).astype(np.int64)

@@ -5,8 +5,8 @@ row-major over a grid of N cells. One convention for shifts everywhere: a shift 
 pairs camera cell n with projector cell m = n + w (Table 1, row 4); cells whose partner lies beyond
 the border have none.
 
-Direct light, the diagonal, is spoken of apart from all other paths everywhere. So what a part can
-sum up is `others`: the entries of a row but for its diagonal.
+Direct light, the diagonal, is treated separately from all other paths everywhere. So the sum that a
+part can compute is `others`: the entries of a row without its diagonal.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pdcd.arrays import Floats, Indices
 Grid = tuple[int, int]
 
 WANTED_BLOCK = 512
-"""Gained of a matrix without structure that are looked at together; bounds the memory."""
+"""Rows of a matrix without structure that are processed together; bounds the memory."""
 
 
 class MatrixPart(Protocol):
@@ -116,7 +116,7 @@ class MatchPart:
         return np.where(self._apart, other.entries(self.partner) * weights[self.partner], 0.0)
 
     def product(self) -> None:
-        """See `Part.product`: it is none."""
+        """See `Part.product`: there is none."""
 
     @property
     def _apart(self) -> NDArray[np.bool_]:
@@ -159,7 +159,7 @@ class NearPart:
         return other.overlap(self, weights)
 
     def product(self) -> None:
-        """See `Part.product`: it is none."""
+        """See `Part.product`: there is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,15 +250,15 @@ class FullPart:
         return total
 
     def product(self) -> None:
-        """See `Part.product`: it is none."""
+        """See `Part.product`: there is none."""
 
 
 @dataclass(frozen=True, eq=False)
 class WantedMatrix:
     """``sum of weight * part``, each column times `light` where an illumination is given.
 
-    With `by_direct` photos are scaled by the direct light they keep, with `by_light` by all light
-    but the direct (`pdcd.probing.deviation.weight_s`).
+    With `by_direct` photos are scaled by the direct light that they keep, with `by_light` by all
+    light except the direct (`pdcd.probing.deviation.weight_s`).
     """
 
     grid: Grid
@@ -298,8 +298,8 @@ class WantedMatrix:
         return total if self.light is None else total * self.light[column]
 
     def pairs(self, row: Indices, column: Indices) -> Floats:
-        """Return W_nm of some pairs of cells n = row, m = column, (P,) each: of many pairs, few of
-        them of one row."""
+        """Return W_nm of some pairs of cells n = row, m = column, (P,) each. There may be many
+        pairs, but few of each row."""
         order = np.argsort(row, kind="stable")
         of = row[order]
         rank = np.arange(of.size) - np.searchsorted(of, of)
@@ -313,8 +313,8 @@ class WantedMatrix:
 
     @property
     def matched(self) -> Indices | None:
-        """The partners (N,) of matched cells, where these are not the cells themselves and no cell
-        has several."""
+        """The partners (N,) of matched cells, if these are not the cells themselves and no cell has
+        several."""
         within = (part.part if isinstance(part, GainPart) else part for _, part in self.parts)
         matches = [part.partner for part in within if isinstance(part, MatchPart)]
         if len(matches) != 1 or np.array_equal(matches[0], np.arange(self.cells)):
@@ -341,7 +341,7 @@ class WantedMatrix:
 
     def products(self) -> tuple[Floats, Floats]:
         """Camera and projector sides, (r, N) each, of all parts that are products: they sum up to
-        ``camera.T @ projector``. What is left is `banded`."""
+        ``camera.T @ projector``. The rest is `banded`."""
         sides = [(weight, part.product()) for weight, part in self.parts]
         camera = [weight * side[0] for weight, side in sides if side is not None]
         projector = [side[1] for _, side in sides if side is not None]
@@ -350,7 +350,7 @@ class WantedMatrix:
         return np.reshape(camera, shape), np.reshape(projector, shape) * light
 
     def banded(self) -> WantedMatrix:
-        """The sum of all parts that are no products (`products`)."""
+        """The sum of all parts that are not products (`products`)."""
         kept = tuple((weight, part) for weight, part in self.parts if part.product() is None)
         return replace(self, parts=kept)
 
@@ -360,7 +360,7 @@ class WantedMatrix:
 
     @property
     def uniform(self) -> tuple[float, float] | None:
-        """(diagonal, other) when all entries are alike but for the diagonal, else None."""
+        """(diagonal, other) if all entries except the diagonal are alike, else None."""
         if self.light is not None:
             return None
         diagonal = other = 0.0
@@ -385,7 +385,7 @@ def shift_cells(grid: Grid, shift: tuple[int, int]) -> Indices:
 
 
 def _boxes(images: Floats, axis: int, radius: int) -> Floats:
-    """Sums over all at most `radius` away along one axis, as differences of running sums."""
+    """Sums of all entries at most `radius` away along an axis: differences of running sums."""
     size = images.shape[axis]
     before = np.zeros([n + (a == axis) for a, n in enumerate(images.shape)])
     np.cumsum(images, axis=axis, out=before[(slice(None),) * axis + (slice(1, None),)])
