@@ -1,10 +1,10 @@
 """Which quarter of which cell each pixel of a panel lies in, in whole numbers.
 
 `pdcd.panels.lattice` places cells on a continuous field; a panel has pixels, and its map says where
-their centres lie. A cell of the field falls into four quarters along each axis, its *atoms*: none
-of a cell, of a cell moved by half its width, or of a quarter window ends within one. So one whole
-number along each axis says all that drawing must know of a pixel, whatever is shown. These numbers
-are made once for each geometry, here; the graphics card only copies by them.
+their centres lie. A cell of the field is divided into four quarters along each axis, its *atoms*.
+No cell, no cell moved by half its width, and no quarter window ends within an atom. So one whole
+number along each axis is all that drawing must know of a pixel, whatever is shown. These numbers
+are made here, once for each geometry; the graphics card only copies by them.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ _Atoms = NDArray[np.int32]
 ATOMS_PER_CELL = 4
 """Atoms of a cell along an axis."""
 OUTSIDE = -1
-"""Atom of a pixel whose centre lies beside the field."""
+"""Atom of a pixel whose centre lies outside the field."""
 NEAR = 1e-9
-"""A centre so few atoms before an edge lies on it: only rounding has kept it away."""
+"""Distance in atoms from an edge within which a centre counts as lying on it: rounding error."""
 BLOCK_PX = 1 << 17
-"""Pixels whose places are worked out at a time, to bound the memory."""
+"""Pixels whose places are computed at a time, to bound the memory."""
 _SURE_PX = 2.0
-"""Pixels along a cell's side from which on one has its centre in it, however the cell is turned:
-the circle in a square of sqrt(2) holds one; the rest is for what a lens bends within a cell."""
+"""Pixels along a cell's side from which at least one has its centre in it, however the cell is
+turned: the circle in a square of sqrt(2) holds one; the rest is for distortion within a cell."""
 _KEPT = 6
-"""Geometries that are remembered: two panels, each with two grids, and the mask in fine atoms."""
+"""Geometries that are cached: two panels, each with two grids, and the mask in fine atoms."""
 
 
 @lru_cache(maxsize=_KEPT)
@@ -47,7 +47,7 @@ def find_atoms(panel: PanelView, grid: tuple[int, int], per_cell: int = ATOMS_PE
         half a cell.
 
     The last axis is (across, down). Inside the field a number is ``floor(4 * x * cells)`` with x
-    the place on the field, 0 to 4 cells - 1; both are `OUTSIDE` where the centre lies beside the
+    the place on the field, 0 to 4 cells - 1; both are `OUTSIDE` where the centre lies outside the
     field. A centre on an edge belongs to the atom beyond it, further right or down. Then, along an
     axis, the cell is ``atom >> 2``; of a projector moved towards the origin by half a cell
     ``(atom + 2) >> 2``; and quarter windows of the mask are numbered ``(atom + 1) >> 1``: odd ones
@@ -75,11 +75,11 @@ def find_atoms(panel: PanelView, grid: tuple[int, int], per_cell: int = ATOMS_PE
 
 @lru_cache(maxsize=2 * _KEPT)
 def find_shown_cells(panel: PanelView, grid: tuple[int, int]) -> NDArray[np.bool_]:
-    """Which cells of a grid any pixel of the panel shows, (rows, cols), read-only: neither those
-    beyond the panel's edge, nor those that are smaller than its pixels and lie between them.
+    """Which cells of a grid any pixel of the panel shows, (rows, cols), read-only. Cells beyond the
+    panel's edge are not shown, nor those that are smaller than its pixels and lie between them.
 
-    It takes no time where panel and grid are upright, or where cells are so large that none can
-    miss all pixels of a panel that covers the field; else `find_atoms` are made.
+    This takes no time where panel and grid are upright, or where cells are so large that none can
+    miss all pixels of a panel that covers the field; else `find_atoms` is needed.
     """
     axes = _axes(panel.map, grid)
     if axes is not None:
@@ -99,7 +99,7 @@ def check_cells(panel: PanelView, grid: tuple[int, int]) -> None:
     """Refuse a grid that is finer than the panel's pixels, or none of whose cells it shows. Raises
     ConfigError.
 
-    Cells beyond the panel's edge may have no pixel, for no panel covers the field exactly: these
+    Cells beyond the panel's edge may have no pixel, as no panel covers the field exactly: these
     stay dark, and nothing is known there.
     """
     shown = find_shown_cells(panel, grid)
@@ -133,7 +133,7 @@ def _axes(
 
 
 def _floor(places: NDArray[np.float64], cells: int, per_cell: int) -> _Atoms:
-    """Places along an axis of the field -> atoms; `OUTSIDE` beside the field, and for NaN."""
+    """Places along an axis of the field -> atoms; `OUTSIDE` outside the field and for NaN."""
     count = per_cell * cells
     atom = np.floor(places * count + NEAR)
     inside = (atom >= 0) & (atom < count)

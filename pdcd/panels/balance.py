@@ -1,17 +1,17 @@
-"""Making up for missed refreshes inside an open exposure, and telling whether they did harm.
+"""Compensating for missed refreshes within an open exposure, and whether they did harm.
 
-A photo is a sum over refreshes. A code that a late refresh left on for twice its time is put right
-by showing every other code once more: all weights are then equal, twice what was planned. What
-cannot be put right is a mask that met the light of another code.
+A photo is a sum over refreshes. If a late refresh left a code on for twice its time, every other
+code is shown once more: all weights are then equal, twice what was planned. If the open mask met
+the light of another code nothing can be done.
 
 Only refreshes with the mask open by plan count. A black one may last as long as it likes: it costs
-time and lets leaking light through, both of which the realised probing matrix holds.
+time and lets leaking light through, both of which the realised probing matrix contains.
 
-Weights are whole refreshes of the mask. Where guards hold the projector's code on both sides of
-the open mask ("full", and "lag", "tail" or "lead" for the lags that they are for) they are exact.
+Weights are whole refreshes of the mask. They are exact where guards hold the projector's code on
+both sides of the open mask ("full", and "lag", "tail" or "lead" for the lags that they are for).
 Where lag and light overlap in part ("none", "both" with a lag s), a code that was lit for two
-refreshes on end had 2 - s of light against the 2 (1 - s) of others that were shown twice: s
-remains, and is in the realised matrix.
+refreshes on end had 2 - s of light, and others that were shown twice have 2 (1 - s). The difference
+s remains, and is in the realised matrix.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _Int = TypeVar("_Int", np.int32, np.int64)
 
 @dataclass(frozen=True)
 class LitWeights:
-    """Refreshes for which each pair of patterns was lit, and was to be lit, (G,) int64 each.
+    """Refreshes for which each pair of patterns was lit, and should have been, (G,) int64 each.
 
     `slots` (G,) holds the rows of `Frames`, guards included, that show each pair once.
     """
@@ -44,7 +44,7 @@ class LitWeights:
 
     @property
     def level(self) -> float | None:
-        """Realised over planned where it is the same for all pairs, else None; 1 without pairs."""
+        """Realised over planned if it is the same for all pairs, else None; 1 without pairs."""
         if not self.planned.size:
             return 1.0
         equal = self.realised * self.planned[0] == self.planned * self.realised[0]
@@ -62,9 +62,9 @@ def catch_up(frames: Frames, log: FrameLog, row_hz: float) -> _Rows | None:
 
     Returns
     -------
-    (F',) int32, in order, each code with all its guards; None when the weights are equal, which
-    also holds where all that was missed are black refreshes. Play the rows, join the logs, and ask
-    again: refreshes may be missed in the further pass too.
+    (F',) int32, in order, each code with all its guards; None when the weights are equal, also if
+    only black refreshes were missed. Play the rows, join the logs, and ask again: refreshes may be
+    missed in the further pass, too.
 
     Raises
     ------
@@ -117,10 +117,10 @@ def count_lit_weights(frames: Frames, log: FrameLog, row_hz: float) -> LitWeight
 
 
 def measure_still_level(frames: Frames, log: FrameLog, row_hz: float) -> float | None:
-    """How many times as long as planned a photo's light fell, where one picture stands still in it;
-    1 where it shows nothing, or none of that was late. For calibrations.
+    """How many times as long as planned a photo's light fell, if it shows one picture that stands
+    still; 1 if it shows nothing, or nothing of it was late. For calibrations.
 
-    None where pictures change or pulse: late refreshes then do harm that no factor undoes.
+    None if pictures change or pulse: then no factor corrects for late refreshes.
     """
     primal, dual = _contents(frames)
     planned, shown = np.stack([primal, dual], axis=1)[:-1], _shown(primal, dual, log, row_hz)[0]
@@ -139,13 +139,13 @@ def measure_still_level(frames: Frames, log: FrameLog, row_hz: float) -> float |
 def play_all(
     play: Callable[[_Rows], FrameLog], frames: Frames, *, on_miss: str, rounds: int, row_hz: float
 ) -> FrameLog:
-    """Play all frames and, under the policy "balance", whatever else makes their weights equal.
+    """Play all frames and, under the policy "balance", what else makes their weights equal.
 
     For display drivers, whose `play(rows)` shows those rows of `frames` once, ends black, and logs
-    them; `streams` says what each panel is to carry, `join_logs` puts the passes together.
+    them; `streams` gives what each panel is to carry, `join_logs` joins the passes.
 
     All that is shown again lasts no longer than `rounds` more passes over all frames: a stall of
-    seconds must not ask for hours. Raises SyncError when that is not enough.
+    seconds must not cost hours. Raises SyncError when that is not enough.
     """
     log = play(np.arange(len(frames), dtype=np.int32))
     left = rounds * len(frames)
@@ -194,7 +194,7 @@ def join_logs(logs: Sequence[FrameLog]) -> FrameLog:
 def _times_with_gap(
     before: FrameLog, after: FrameLog, first: _Seconds | None, second: _Seconds | None
 ) -> _Seconds | None:
-    """Times of the rows of two passes, none for the row between them; None where there are none."""
+    """Times of the rows of two passes, 0 for the row between them; None if neither has any."""
     if first is None and second is None:
         return None
     times = np.zeros(len(before) + 1 + len(after))
@@ -209,7 +209,7 @@ def _with_gap(before: NDArray[_Int], after: NDArray[_Int], gap: int) -> NDArray[
 
 
 def _contents(frames: Frames) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """What each row puts on projector and mask, as one number a panel; uniform ones have no
+    """What each row puts on projector and mask, as one number a panel; uniform panels have no
     sub-shift. One more at the end stands for a black panel, so that row -1 is black."""
     found = []
     for index in (frames.primal_index, frames.dual_index):
@@ -267,7 +267,7 @@ def _find(
 
 
 def _slots(frames: Frames, rows: NDArray[np.int64]) -> list[_Rows]:
-    """All rows of the slots that hold these rows: same code, same sub-shift, without a break."""
+    """For each of these rows, all rows of its slot: same code, same sub-shift, without a break."""
     slot = np.append(0, np.cumsum((np.diff(frames.code) != 0) | (np.diff(frames.shift) != 0)))
     first = np.searchsorted(slot, slot[rows], side="left")
     last = np.searchsorted(slot, slot[rows], side="right")

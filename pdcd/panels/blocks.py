@@ -1,8 +1,8 @@
-"""Random blocks that both panels draw alike, by which a camera can tell whether they lie alike.
+"""Random blocks that both panels draw alike, so that a camera can see whether they lie alike.
 
-The blocks divide the field as cells do, but are finer: a few quads of the camera. Coarser ones of
-twice, four and eight times the side are mixed in, so that the pattern is found again from far off,
-through blur, and by light that is spread; and no part of it looks like another one, nor like its
+The blocks divide the field as cells do, but are finer: a few quads of the camera. Coarser blocks of
+twice, four and eight times the side are mixed in, so that the pattern can be found from far off,
+through blur, and in scattered light. No part of the pattern looks like another one, nor like its
 mirror image.
 """
 
@@ -22,15 +22,15 @@ from pdcd.panels.map import Map
 _Bits = NDArray[np.bool_]
 
 _OCTAVES = (1.0, 1.23, 1.11, 0.97)
-"""Weight of blocks of 1, 2, 4 and 8 times the side; no sum of them with signs is 0."""
+"""Weights of blocks of 1, 2, 4 and 8 times the side; no sum of them with any signs is 0."""
 _QUADS = 3.0
-"""Quads of the camera to a block's side, at least: a camera sees such blocks sharply."""
+"""Least number of camera quads to a block's side: a camera sees such blocks sharply."""
 _PIXELS = 5.0
-"""Pixels of the projector to it, at least."""
+"""Least number of projector pixels to it."""
 _MOST = 160
-"""Blocks along the longer side of the field: finer ones tell nothing more."""
+"""Most blocks along the longer side of the field: finer ones measure no better."""
 _FEWEST = 16
-"""Blocks along the shorter side without which a pattern has too little in it to be found again."""
+"""Least number of blocks along the shorter side for a pattern that can be found again."""
 TOO_FEW = (
     f"the camera has pixels for fewer than {_FEWEST} blocks along a side of the field, "
     f"{_QUADS:g} pixels each"
@@ -47,7 +47,7 @@ class BlockPattern:
     @classmethod
     def of(cls, sizes_px: tuple[tuple[int, int], ...], quad_px: float) -> BlockPattern | None:
         """Blocks that panels of so many pixels (width, height) can draw, the projector first, and
-        that quads of `quad_px` projector pixels can show; None where they would be too few."""
+        that quads of `quad_px` projector pixels can resolve; None if they would be too few."""
         (width, height), *_ = sizes_px
         side = max(_QUADS * quad_px, _PIXELS, max(width, height) / _MOST)
         side = max(side, *(_PIXELS / 2.0 * width / size[0] for size in sizes_px))
@@ -66,12 +66,12 @@ class BlockPattern:
             rows, cols = -(-self.rows // side) + 1, -(-self.cols // side) + 1
             signs = 2.0 * hash_to_bits(f"look for panels {octave}", rows, cols) - 1.0
             large = signs.repeat(side, axis=0).repeat(side, axis=1)
-            begin = side // 3  # edges of different octaves are not to meet
+            begin = side // 3  # edges of different octaves must not coincide
             total += weight * large[begin : begin + self.rows, begin : begin + self.cols]
         return np.asarray(total > 0.0)
 
     def at(self, points: Floats) -> _Bits:
-        """Whether points of the field (..., 2), x and y from 0 to 1, are lit; none beside it."""
+        """Whether points of the field (..., 2), x and y from 0 to 1, are lit; none outside."""
         with np.errstate(invalid="ignore"):
             inside = np.all((points >= 0.0) & (points < 1.0), axis=-1)
         cell = np.where(inside[..., None], points * (self.cols, self.rows), 0.0).astype(np.int64)
@@ -79,7 +79,7 @@ class BlockPattern:
         return lit
 
     def drawn(self, panel: Map) -> _Bits:
-        """What a panel of such a map shows of them, (height, width)."""
+        """What a panel with this map shows of them, (height, width)."""
         return self.at(panel.centres())
 
 
@@ -92,7 +92,7 @@ def find_field_pixels(panel: Map) -> _Bits:
 
 def hash_to_bits(name: str, rows: int, cols: int) -> _Bits:
     """(rows, cols) bool that look random, and are the same for a name everywhere and for ever,
-    unlike those of a generator of random numbers."""
+    unlike the output of a random number generator."""
     count = rows * cols
     drawn = hashlib.shake_256(name.encode()).digest(-(-count // 8))
     bits = np.unpackbits(np.frombuffer(drawn, dtype=np.uint8))[:count]
@@ -100,8 +100,8 @@ def hash_to_bits(name: str, rows: int, cols: int) -> _Bits:
 
 
 def _apart(count: int, lengths: list[int]) -> int:
-    """So many blocks or a few less, whose edges meet the pixels of no panel in step: what rounding
-    to whole pixels does to edges then comes to nothing on average."""
+    """`count` blocks or a few less, whose edges do not coincide regularly with the pixels of any
+    panel: rounding edges to whole pixels then cancels on average."""
     while count > _FEWEST and any(gcd(count, length) > 1 for length in lengths):
         count -= 1
     return count

@@ -1,21 +1,20 @@
 """How much light a grey level gives, and which level to send for some light.
 
-Panels take 8 bits. Grey patterns in `pdcd.panels` hold what is *sent*, as level / 255; a curve says
-what light that is. Black and white are black and white under any curve.
+Panels take 8 bits. Grey patterns in `pdcd.panels` hold what is *sent*, as level / 255; a curve
+gives the light of that. Black and white are black and white under any curve.
 
-Grey levels finer than 8 bits: what one pattern rounds off, a later one makes up for.
+Grey levels finer than 8 bits: a later pattern compensates for the rounding of an earlier one. A
+photo is a sum over its patterns, so a level between two steps of a panel is shown as a mix of both.
+The rounding error is carried from pattern to pattern, cell by cell:
 
-A photo is a sum over its patterns, so a level between two steps of a panel is shown as a mix of
-both. What is off is carried from pattern to pattern, cell by cell:
-
-- codes: in two accounts, one of patterns in which the other panel lets light pass at the same cell,
-  one of all others. So a cell's light through itself and that through all other cells come out to a
-  fraction of a step, however many patterns there are;
+- codes: in two accounts, one for patterns in which the other panel lets light pass at the same
+  cell, one for all others. So a cell's light through itself and that through all other cells are
+  right to a fraction of a step, however many patterns there are;
 - exact sequences, which are shown over and over: from each copy of a pattern to its next one. The
-  last two make up for the rest together: of levels that are not evenly spaced, two that lie some
+  last two compensate for the rest together: if levels are not evenly spaced, two that lie some
   steps apart often come nearer to it than two neighbours.
 
-Black and white are never touched: a closed cell stays closed.
+Black and white are never changed: a closed cell stays closed.
 """
 
 from __future__ import annotations
@@ -39,18 +38,18 @@ PANEL_LEVELS = 256
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """`light` (256,) float64: what each level gives, over full light; 0 first, 1 last, never
+    """`light` (256,) float64: the light of each level, over full light; 0 first, 1 last, never
     falling. Read-only."""
 
     light: Floats
 
     def sent(self, light: Floats) -> Floats:
-        """Light 0..1 of any shape -> the level whose light is nearest, over 255."""
+        """Light 0..1 of any shape -> the level with the nearest light, over 255."""
         between = 0.5 * (self.light[1:] + self.light[:-1])
         return np.searchsorted(between, light) / (PANEL_LEVELS - 1.0)
 
     def given(self, sent: NDArray[_Real]) -> Floats:
-        """What is sent, level / 255 -> light 0..1; in between it is rounded as drawing does."""
+        """What is sent, level / 255 -> light 0..1; values between levels are rounded as drawn."""
         return self.of(np.rint(sent * (PANEL_LEVELS - 1.0)).astype(np.uint8))
 
     def of(self, level: NDArray[np.uint8]) -> Floats:
@@ -59,7 +58,7 @@ class Curve:
 
 
 Curves = tuple[Curve | None, Curve | None]
-"""Of projector and mask; None where nobody said: what is sent is then taken as light."""
+"""Curves of projector and mask; None where unknown: what is sent is then taken as light."""
 UNKNOWN_CURVES: Curves = (None, None)
 
 
@@ -71,8 +70,8 @@ def make_power_curve(gamma: float) -> Curve:
 
 @lru_cache(maxsize=16)
 def make_table_curve(lights: tuple[float, ...]) -> Curve:
-    """The curve through lights at evenly spaced levels, the first of 0, the last of 255; straight
-    lines between them. Check them first with `find_table_fault`."""
+    """The curve through lights at evenly spaced levels, the first at 0, the last at 255, with
+    straight lines between them. Check them first with `find_table_fault`."""
     at = np.linspace(0.0, PANEL_LEVELS - 1.0, len(lights))
     return _curve(np.interp(np.arange(PANEL_LEVELS), at, lights))
 
@@ -111,10 +110,10 @@ _Both = tuple[Patterns, Patterns]
 COPIES = 16
 """Most copies of an exact sequence: steps become a sixteenth as large."""
 _APART = 12
-"""Levels by which the last but one copy may lie beside the nearest. Where light rises with the
-power 2.2 of the level, two a dozen steps to either side give a step more than twice the middle."""
+"""Most levels between the last copy but one and the nearest level. If light rises with the power
+2.2 of the level, two a dozen steps to either side give a step more than twice the middle."""
 _NEARER = 1e-6
-"""Light by which such a pair must come nearer, or the one with fewer steps between is taken."""
+"""Light by which such a pair must come nearer; else the pair with fewer steps between is taken."""
 
 
 def prepare_codes(light: _Levels, mask: _Levels, curves: Curves) -> _Both:
@@ -126,8 +125,8 @@ def prepare_codes(light: _Levels, mask: _Levels, curves: Curves) -> _Both:
 
 
 def prepare_sequence(light: _Levels, mask: _Levels, curves: Curves, room: int) -> _Both:
-    """The same of an exact sequence that is shown `room` times; where it has grey levels, as up to
-    so many copies, one after the other: (copies * P, L)."""
+    """The same for an exact sequence that is shown `room` times. If it has grey levels, the result
+    has up to so many copies, one after the other: (copies * P, L)."""
     both = ((light, curves[0]), (mask, curves[1]))
     grey = [_rounds(*panel) for panel in both]
     copies = min(max(room, 1), COPIES) if any(grey) else 1
@@ -138,14 +137,14 @@ def prepare_sequence(light: _Levels, mask: _Levels, curves: Curves, room: int) -
         mixed = _dithered(each, curve, np.ones(each.shape, np.bool_))
         if curve is not None and grey[panel] and copies >= 2 * sum(grey):
             last = _last_two(each[0], mixed, curve)
-            # Not in the copies in which the other panel is off: their product would not cancel.
+            # Not in the copies in which the other panel deviates: their product would not cancel.
             mixed = np.roll(np.concatenate([mixed[:-2], last]), panel * (copies // 2), axis=0)
         sent.append(pack_levels(mixed.reshape(-1, levels.shape[1])))
     return sent[0], sent[1]
 
 
 def _last_two(light: _Levels, sent: _Levels, curve: Curve) -> Floats:
-    """What to send last, (2, L), for the sum of all copies `sent` (n, L) to be n times `light`."""
+    """What to send last, (2, L), so that the sum of all copies `sent` (n, L) is n times `light`."""
     grey = (light > 0.0) & (light < 1.0)
     before = curve.given(np.asarray(sent[:-2], np.float64))
     left: Floats = len(sent) * light - before.sum(axis=0)
@@ -163,7 +162,7 @@ def _last_two(light: _Levels, sent: _Levels, curve: Curve) -> Floats:
 
 
 def _rounds(light: _Levels, curve: Curve | None) -> bool:
-    """Whether levels must be rounded: no bits, and of a panel of which something is known."""
+    """Whether levels must be rounded: they are not bits, and the panel's curve is known."""
     if curve is None or light.dtype == np.bool_:
         return False
     return not bool(np.all((light == 0.0) | (light == 1.0)))

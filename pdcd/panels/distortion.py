@@ -5,11 +5,9 @@ there,
 
     straight = seen (1 + k1 r^2 + k2 r^4) + 2 (P . seen) seen + r^2 P,    P = (p2, p1).
 
-What is left of a distortion when the lens is taken out: smooth, given at nodes over the device.
-
-Between the nodes lies the cubic spline of both axes, without a knot next to the edges
-(parabolas where three nodes are, lines where two are). Beyond the device's edges it stays as it is
-there.
+The residual of a distortion without that of the lens is smooth, and is given at nodes over the
+device. It is interpolated by the cubic spline of both axes, without a knot next to the edges
+(parabolas for three nodes, lines for two). Beyond the device's edges it stays as it is there.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ def correct_distortion(near: Floats, radial: _Pair, tangential: _Pair) -> Floats
     (k1, k2), (p1, p2) = radial, tangential
     x, y = near[..., 0], near[..., 1]
     r2 = x * x + y * y
-    # 2 (P . seen) goes into the factor: it, too, lengthens the way from the centre.
+    # 2 (P . seen) goes into the factor, as it changes the distance from the centre, too.
     factor = 1.0 + r2 * (k1 + k2 * r2) + 2.0 * (p2 * x + p1 * y)
     straight = np.empty(near.shape)
     straight[..., 0] = x * factor + p2 * r2
@@ -50,9 +48,9 @@ def compute_distortion_slope(near: Floats, radial: _Pair, tangential: _Pair) -> 
 
 
 def find_fold_radius(radial: _Pair) -> float:
-    """The distance from the centre at which the radial part folds; infinite where it never does.
+    """The distance from the centre at which the radial part folds; infinite if it never does.
 
-    Beyond it a straight point may be seen twice, and only the one within is on the picture.
+    Beyond it a straight point may be seen twice, and only the inner one is in the picture.
     """
     k1, k2 = radial
     # The smallest positive root u = r^2 of 1 + 3 k1 u + 5 k2 u^2.
@@ -87,7 +85,7 @@ class MapResidual:
         return _cubic(_cubic(patch, t), s).T
 
     def slope(self, points: Floats) -> tuple[Floats, Floats]:
-        """Displacement at points (n, 2), and how it moves with them, (n, 2, 2)."""
+        """Displacement at points (n, 2), and its derivative, (n, 2, 2)."""
         patch, s, t = self._found(points)
         along = _cubic(patch, t)
         inside = (points >= 0.0) & (points <= self._size)
@@ -119,10 +117,10 @@ class MapResidual:
         """The patch of each point, (4, 4, 2, n), and where in it: right and down, 0 to 1."""
         right, down = self._in_nodes(points[:, 0], 0), self._in_nodes(points[:, 1], 1)
         cols, rows = self._last
-        # What is no number lies in no patch; any will do, the answer is no number either.
+        # NaN lies in no patch; any will do, as the result is NaN, too.
         col = np.fmin(np.fmax(right, 0.0), cols - 1).astype(np.intp)
         row = np.fmin(np.fmax(down, 0.0), rows - 1).astype(np.intp)
-        # Numbers of a kind side by side, for the arithmetic's sake.
+        # Numbers of a kind are contiguous, for fast arithmetic.
         patch = np.ascontiguousarray(self._patches[row * cols + col].T).reshape(4, 4, 2, -1)
         return patch, right - col, down - row
 

@@ -1,8 +1,8 @@
 """The exact pixels that a panel must show, for displays that draw with the processor and for tests.
 
 A pixel shows the cell that its centre falls in under the panel's map; of the mask, under quarter
-windows, the window. Beside the field a panel is black, whatever is shown. The display process draws
-the same by the same whole numbers (`pdcd.panels.atoms`) on a graphics card.
+windows, the window. Outside the field a panel is black, whatever is shown. The display process
+draws the same on a graphics card by the same whole numbers (`pdcd.panels.atoms`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from pdcd.panels.windows import ATOMS, GUARDS, find_window_kind
 WHITE_BYTE = 255
 """A pixel at full light."""
 _KEPT = 8
-"""Geometries that are remembered: both panels under four sub-shifts."""
+"""Geometries that are cached: both panels under four sub-shifts."""
 
 
 def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
@@ -43,8 +43,8 @@ def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
     row : row of the frames, 0 <= row < F, or `BLACK`.
 
     Full light is 255. Levels are not corrected for the panel's response. Raises ConfigError for a
-    row that there is not, for cells finer than pixels or all beside the panel, and for patterns of
-    pixels that are not the panel's. A cell beyond the panel's edge is not shown.
+    row that does not exist, for cells finer than pixels or all outside the panel, and for patterns
+    of pixels that are not the panel's. A cell beyond the panel's edge is not shown.
     """
     check_fit(frames, panel)
     if row != BLACK and not 0 <= row < len(frames):
@@ -89,7 +89,7 @@ def _cells(panel: PanelView, grid: tuple[int, int], window: str, shift: int) -> 
 
 
 def check_fit(frames: Frames, panel: PanelView) -> None:
-    """Refuse frames that a panel cannot show: with cells finer than its pixels, or all beside it,
+    """Refuse frames that a panel cannot show: with cells finer than its pixels, or all outside it,
     or with patterns of pixels that are not its own. Raises ConfigError."""
     if not frames.of_pixels:
         check_cells(panel, frames.grid)
@@ -109,7 +109,7 @@ def draw_plane_words(frames: Frames, panel: PanelView, rows: Iterable[int]) -> N
     """Return up to 24 rows as bits of one word a pixel, (height, width) uint32.
 
     Bit j is set where `draw` lights ``rows[j]``; bits without a row are 0. For displays whose
-    pictures are 24 bit planes: it looks a word up for each pixel, once, where `draw` would draw 24
+    pictures are 24 bit planes: one word is looked up for each pixel, where `draw` would draw 24
     times. Raises ConfigError as `draw` does, also for patterns with grey levels.
     """
     patterns = frames.dual_patterns if panel.mask else frames.primal_patterns

@@ -80,7 +80,7 @@ class Frames:
 class FrameLog:
     """What the panels really did, one row per refresh that was shown (R rows).
 
-    R is the number of rows of `Frames`, or more: after passes that make up for missed refreshes,
+    R is the number of rows of `Frames`, or more: after passes that compensate for missed refreshes,
     with a delayed mask, or where a packed video refresh was shown again.
 
     primal_shown, dual_shown : (R,) int32
@@ -101,10 +101,10 @@ class FrameLog:
     dark_s, delay_s : (R,) float64, or None
         As of `Frames`, of what was shown: for how long both panels were black before the next row,
         and by how much the mask began after the projector on purpose. None is none.
-    pulses : how many pulses projector and mask have given at their outputs where they showed just
-        these rows, for a camera that counts them (`pdcd.bench.devices.PhotoFrame`); None of
-        displays without such outputs. No table of refreshes has it.
-    pulses_hint : what to look at, of this display, where a camera counted others.
+    pulses : how many pulses projector and mask have given at their outputs if they showed exactly
+        these rows, for a camera that counts them (`pdcd.bench.devices.PhotoFrame`); None for
+        displays without such outputs. Tables of refreshes do not have it.
+    pulses_hint : what to check on this display if a camera counted another number.
     """
 
     primal_shown: NDArray[np.int32]
@@ -137,8 +137,8 @@ class FrameLog:
 def invert_mask_patterns(frames: Frames) -> Frames:
     """The same frames with the mask's patterns inverted, through the same windows.
 
-    A sensor of two buckets gathers light that a pattern keeps out of the first one in the second.
-    Where the mask is black by plan, and beside its windows, it gathers nothing in either.
+    A sensor of two buckets gathers in the second one the light that a pattern keeps out of the
+    first. Where the mask is black by plan, and outside its windows, neither gathers anything.
     """
     patterns: Patterns
     if frames.dual_patterns.dtype == np.uint8:
@@ -152,9 +152,9 @@ def invert_mask_patterns(frames: Frames) -> Frames:
 def split_dark_times(log: FrameLog) -> FrameLog:
     """The same log with each dark time as a black row of its own, and without times of rows.
 
-    For all that sums over what panels showed: such a row is asked for by no row of `Frames`. The
-    last row goes black at `end_ns`, and has none after it; a dark time that is longer than its row
-    lasted fills that row. By how much the mask began later is in `dual_ns` as it is.
+    For all that sums over what panels showed: no row of `Frames` asks for such a row. The last row
+    goes black at `end_ns`, and has none after it. A dark time that is longer than its row lasted
+    fills that row. The delay of the mask is still in `dual_ns`.
     """
     dark_s, count = log.dark_s, len(log)
     if dark_s is None or not np.any(dark_s[:-1]):
@@ -192,10 +192,10 @@ def split_dark_times(log: FrameLog) -> FrameLog:
 
 
 def check_row_times(*shown: Frames | FrameLog) -> None:
-    """Refuse dark time and delays of single rows, for whoever takes rows as they are without.
+    """Refuse dark times and delays of single rows, for code that does not support them.
 
-    Called by displays that show one row right after the other, and by what knows of no such times:
-    they must not be passed over. Raises ConfigError.
+    Called by displays that show one row right after the other, and by other code that would ignore
+    such times. Raises ConfigError.
     """
     for part in shown:
         for name, seconds in (("dark time", part.dark_s), ("a delay", part.delay_s)):

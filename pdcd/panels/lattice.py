@@ -1,7 +1,7 @@
 """Where code cells lie on the two panels: sub-shifts, windows and misregistration.
 
 Positions are measured in cells of the scene's grid. Under sub-shift `l` the whole code lattice is
-moved towards the origin by half a cell along columns (bit 0) and rows (bit 1); a mask cell opens
+moved towards the origin by half a cell along columns (bit 0) and rows (bit 1). A mask cell opens
 either as a whole or only in its middle (`pdcd.panels.windows`; by half and half: "quarter"
 window, the paper's robust coding). Everything is a product of two axes, and within a cell each axis
 falls into a few pieces ("atoms") on which nothing changes. So the optics never need more than 4
@@ -50,7 +50,7 @@ class Overlap:
 class Piece:
     """A part of every cell along one axis, from `low` to `high`, that lies in one window.
 
-    strip : which part of a cell it is to the windows. step : as of `Overlap`.
+    strip : which strip of the windows it lies in. step : as of `Overlap`.
     """
 
     low: float
@@ -82,7 +82,7 @@ class Lattice:
 
     @cached_property
     def opening(self) -> WindowKind:
-        """What of a mask cell opens."""
+        """The part of a mask cell that opens."""
         return find_window_kind(self.window)
 
     @cached_property
@@ -116,8 +116,8 @@ class Lattice:
 
     @cached_property
     def continued(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Of each code cell the nearest scene cell, and how far down and right of that it lies, all
-        (L,): what is known of the grid goes on over its far edges."""
+        """The nearest scene cell of each code cell, and how far down and right of that it lies, all
+        (L,): values over the grid are continued over its far edges by it."""
         (rows, cols), (r, c) = self.grid, np.divmod(np.arange(self.lattice_cells), self.shape[1])
         inner_r, inner_c = np.minimum(r, rows - 1), np.minimum(c, cols - 1)
         return inner_r * cols + inner_c, r - inner_r, c - inner_c
@@ -188,7 +188,7 @@ class Lattice:
         return self.stepped(field, overlap.step)
 
     def stepped(self, field: Floats, step: tuple[int, int]) -> Floats:
-        """Values of one dual field (R, L + 1) so many cells further on, (R, rows, cols)."""
+        """Values of one dual field (R, L + 1), `step` cells further on, (R, rows, cols)."""
         (down, right), (rows, cols) = step, self.grid
         if 0 <= down <= self.shape[0] - rows and 0 <= right <= self.shape[1] - cols:
             full = field[:, :-1].reshape(-1, *self.shape)  # a view: most overlaps need no copy
@@ -196,7 +196,7 @@ class Lattice:
         return field[:, self._further(step)].reshape(-1, rows, cols)
 
     def _further(self, step: tuple[int, int]) -> NDArray[np.int64]:
-        """Code cell, or the rest of the panel, that lies `step` off each of the scene's, (N,)."""
+        """Code cell, or the rest of the panel, that lies `step` from each of the scene's, (N,)."""
         r, c = np.divmod(np.arange(self.cells), self.grid[1])
         r, c = r + step[0], c + step[1]
         inside = (r >= 0) & (r < self.shape[0]) & (c >= 0) & (c < self.shape[1])
@@ -246,7 +246,7 @@ def _atoms(kind: WindowKind, offset: float) -> list[tuple[float, int, int, int]]
 
 
 def _pieces(kind: WindowKind, offset: float) -> tuple[Piece, ...]:
-    """The same pieces of one axis, those in one strip put together."""
+    """The same pieces of one axis, with those in one strip joined."""
     found: list[Piece] = []
     low = 0.0
     for width, _, strip, step in _atoms(kind, offset):

@@ -7,8 +7,8 @@ Projector, mask and camera each have a map to it (docs/calibration.md).
 Pixel k of a device covers k to k + 1, so that its centre is at k + 0.5. A pixel of the camera is a
 Bayer quad. A point of the device goes to the field in two steps:
 
-1. distortion is taken out (`pdcd.panels.distortion`): that of a lens about the device's centre,
-   plus a smooth residual;
+1. distortion is removed (`pdcd.panels.distortion`): that of a lens about the device's centre, plus
+   a smooth residual;
 2. a homography leads from pixels to the field.
 """
 
@@ -31,21 +31,21 @@ MapMatrix = tuple[float, float, float, float, float, float, float, float, float]
 """3 x 3, row by row."""
 
 PIECE = 2**12
-"""Points worked on at a time: what is in between stays in the processor's cache."""
+"""Points that are processed at a time: intermediate values stay in the processor's cache."""
 _STEPS = 50
 """Most steps of Newton's method; from the homography's inverse a usual lens takes four."""
 _CLOSE_PX = 1e-6
-"""A step shorter than that was the last: each squares the error of the one before."""
+"""Length of a step below which it is the last: each step squares the error of the one before."""
 _NODE_PX, _LEAST_NODES = 8.0, 48
-"""Pixels between places at which maps are asked, and how many these are along a side at least: a
-lens bends by less than a hundredth of a pixel between them."""
+"""Pixels between places at which maps are evaluated, and their least number along a side: lens
+distortion between them is linear to less than a hundredth of a pixel."""
 
 
 class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """From the pixels of one device to the field; plain numbers, so that any file can hold it.
 
     size_px : (width, height) of the device.
-    homography : from (x, y, 1) in pixels, distortion taken out, to the field.
+    homography : from (x, y, 1) in pixels, distortion removed, to the field.
     radial : k1, k2 of ``1 + k1 r^2 + k2 r^4``, r in half heights from the centre.
     tangential : p1, p2, in the same unit.
     residual : displacement in pixels before the homography; () where there is none.
@@ -70,8 +70,8 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     def to_field(self, points_px: ArrayLike) -> Floats:
         """Points of the device (..., 2) as (x, y) in pixels -> of the field, (..., 2) float64.
 
-        They may lie beyond the device's edges. NaN behind the homography's horizon: on its other
-        side than the device's centre.
+        They may lie beyond the device's edges. NaN behind the homography's horizon, seen from the
+        device's centre.
         """
         full, ahead, residual = self._matrix, self._ahead, self._residual
         return _by_pieces(
@@ -94,7 +94,7 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         return _by_pieces(points, (2,), found)
 
     def jacobian(self, points_px: ArrayLike) -> Floats:
-        """How the field moves with a point of the device: (..., 2, 2), d(field) / d(pixel)."""
+        """Derivative of the place on the field: (..., 2, 2), d(field) / d(pixel)."""
         full, ahead, residual = self._matrix, self._ahead, self._residual
 
         def found(piece: Floats) -> Floats:
@@ -111,7 +111,7 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         width, height = self.size_px
         full, ahead, residual = self._matrix, self._ahead, self._residual
         x, y = (np.arange(side, dtype=np.float64) + 0.5 for side in (width, height))
-        # Displacements first, for they are cheap for a whole grid; then row by row in their place.
+        # Displacements first, as they are cheap for a whole grid; then row by row in their place.
         found = np.zeros((height, width, 2)) if residual is None else residual.on_grid(x, y)
         band = max(1, PIECE // width)
         for top in range(0, height, band):
@@ -126,8 +126,8 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         return msgspec.structs.replace(self, homography=to_map_matrix(whole))
 
     def binned(self, side: int) -> Map:
-        """The same device with squares of pixels in the place of single ones; `side`, that of a
-        square, divides its width and height."""
+        """The same device with squares of pixels instead of single ones; `side`, that of a square,
+        divides its width and height."""
         width, height = self.size_px
         nodes = [[(right / side, down / side) for right, down in row] for row in self.residual]
         return msgspec.structs.replace(
@@ -154,7 +154,7 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     @property
     def _through(self) -> bool:
-        """Whether there is a lens that distorts."""
+        """Whether a lens distorts."""
         return any(self.radial) or any(self.tangential)
 
     @property
@@ -167,7 +167,7 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         return 0.5 * np.array(self.size_px, dtype=np.float64), 0.5 * self.size_px[1]
 
     def _through_lens(self, points: Floats) -> Floats:
-        """Points (..., 2) as they were without the lens, in pixels."""
+        """Points (..., 2) as they would be without the lens, in pixels."""
         if not self._through:
             return points
         centre, half = self._centre
@@ -183,7 +183,7 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         return straight if residual is None else straight + residual.at(points)
 
     def _slope(self, points: Floats, residual: MapResidual | None) -> tuple[Floats, Floats]:
-        """The same, and how it moves with the points, (n, 2, 2)."""
+        """The same, and its derivative, (n, 2, 2)."""
         centre, half = self._centre
         straight = self._through_lens(points)
         slope = lens.compute_distortion_slope(
@@ -217,10 +217,10 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 def to_map_matrix(values: ArrayLike) -> MapMatrix:
-    """A (3, 3) matrix as a map holds it, its largest entry below by convention: [2, 2] is 1."""
+    """A (3, 3) matrix as a map holds it, scaled by convention so that [2, 2] is 1."""
     flat = np.asarray(values, dtype=np.float64).reshape(3, 3)
     if flat[2, 2] != 0.0:
-        with np.errstate(over="ignore", invalid="ignore"):  # a check refuses what comes of it
+        with np.errstate(over="ignore", invalid="ignore"):  # a check refuses the result
             flat = flat / flat[2, 2]
     a, b, c, d, e, f, g, h, i = flat.ravel().tolist()
     return a, b, c, d, e, f, g, h, i
@@ -234,7 +234,7 @@ def map_between(source: Map, target: Map, points_px: ArrayLike) -> Floats:
 def _by_pieces(
     points: ArrayLike, each: tuple[int, ...], work: Callable[[Floats], Floats]
 ) -> Floats:
-    """``work`` of points (..., 2), not too many at a time; ``each`` is what one point becomes."""
+    """``work`` on points (..., 2), a few at a time; ``each`` is the shape of a result."""
     given = np.asarray(points, dtype=np.float64)
     if given.shape[-1:] != (2,):
         raise ValueError(f"points have x and y along their last axis, not {given.shape}")
@@ -258,7 +258,7 @@ def _projected(full: Floats, ahead: float, points: Floats) -> Floats:
 
 
 def _solved(slope: Floats, wanted: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """``slope @ x = wanted`` for each of many 2 x 2 matrices, and where one is neither folded nor
+    """Solves ``slope @ x = wanted`` for many 2 x 2 matrices; and where these are neither folded nor
     turned around."""
     a, b, c, d = slope[..., 0, 0], slope[..., 0, 1], slope[..., 1, 0], slope[..., 1, 1]
     right, down = wanted[..., 0], wanted[..., 1]
@@ -286,8 +286,8 @@ class PanelView:
 
 
 def find_pixels_on(device: Map, other: Map, edge_px: float = 0.0) -> NDArray[np.bool_]:
-    """Pixels of a device, (height, width), all of which lie on another one, and not within
-    `edge_px` of its edge, in its own pixels; below zero: nor further beyond it.
+    """Pixels of a device, (height, width), that lie wholly on another one, and not within `edge_px`
+    of its edge, in its own pixels; if that is negative, they may reach so far beyond the edge.
 
     device, other : maps to one field.
     """

@@ -26,9 +26,9 @@ from pdcd.panels.map_soundness import MAX_NODES, check_map
 from pdcd.printable import to_one_line
 
 _NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}")
-"""What a device may be called in a file."""
+"""Valid names of devices in a file."""
 _MAX_MAPS = 12
-"""Maps in a file."""
+"""Most maps in a file."""
 
 _SHAPES = {"size_px": (2,), "homography": (3, 3), "radial": (2,), "tangential": (2,)}
 _NUMBERS = {**{key: int(np.prod(s)) for key, s in _SHAPES.items()}, "residual": 2 * MAX_NODES**2}
@@ -36,13 +36,13 @@ _FILE = ArrayLimits(_MAX_MAPS * sum(_NUMBERS.values()))
 
 
 def to_map_table(map_: Map) -> dict[str, Any]:
-    """A map as a table of plain values, which TOML and JSON know."""
+    """A map as a table of plain values, for TOML and JSON."""
     plain: dict[str, Any] = msgspec.to_builtins(map_)
     return plain
 
 
 def from_map_table(given: Mapping[str, Any], device: str) -> Map:
-    """The map that a table holds. Raises ConfigError for what is none, or cannot be used."""
+    """The map that a table holds. Raises ConfigError if it is not a map, or cannot be used."""
     try:
         found = msgspec.convert(given, type=Map)
     except msgspec.ValidationError as err:

@@ -14,23 +14,23 @@ from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
 
 _SAMPLES = 33
-"""Points a side at which a map is looked at, the device's corners included; more where a residual
-has many nodes."""
+"""Points a side at which a map is checked, the device's corners included; more where a residual has
+many nodes."""
 _PER_NODE = 4
 """Points from one node of a residual to the next."""
 MAX_NODES = 32
-"""Nodes of a residual a side: what needs more is not smooth."""
+"""Most nodes of a residual a side: what needs more is not smooth."""
 _MAX_SIDE_PX = 2**16
-"""Pixels of a device a side."""
+"""Most pixels of a device a side."""
 _FARTHEST = 100.0
-"""A device whose corner lies further off than so many widths of the field is not on this bench."""
+"""Most widths of the field to a device's corner: one further away is not on this bench."""
 LEAST_SHARE = 0.25
 """Share of the field that a panel must cover: cells beyond it never get light."""
 
 
 def check_map(map_: Map, device: str) -> Map:
-    """The map itself. Raises ConfigError where it is not finite, singular, folded or beyond all
-    measure; `device` is whose it is."""
+    """The map itself. Raises ConfigError if it is not finite, singular, folded or far too large;
+    `device` is the one that it belongs to."""
     width, height = map_.size_px
     numbers = [*map_.homography, *map_.radial, *map_.tangential]
     if not (0 < width <= _MAX_SIDE_PX and 0 < height <= _MAX_SIDE_PX):
@@ -62,7 +62,7 @@ def check_map(map_: Map, device: str) -> Map:
 
 @lru_cache(maxsize=32)
 def compute_field_share(map_: Map, points: int = 64) -> float:
-    """The share of the field that the device covers, 0 to 1, by so many points a side."""
+    """The share of the field that the device covers, 0 to 1, from so many points a side."""
     middle = (np.arange(points) + 0.5) / points
     at = map_.from_field(np.stack(np.meshgrid(middle, middle), axis=-1))
     with np.errstate(invalid="ignore"):  # no number where the field has no point of the device
@@ -70,8 +70,8 @@ def compute_field_share(map_: Map, points: int = 64) -> float:
 
 
 def check_share(map_: Map, device: str, least: float = LEAST_SHARE) -> Map:
-    """The map itself. Raises ConfigError where the device misses the field, or covers less of it
-    than ``least``; 0: where it misses the field only."""
+    """The map itself. Raises ConfigError if the device misses the field, or covers less of it than
+    ``least``; with 0, only if it misses the field."""
     covered = compute_field_share(map_)
     if covered == 0.0:
         raise _unsound(device, "places it beside the field")
@@ -110,11 +110,11 @@ def _unsound(device: str, what: str) -> ConfigError:
 
 
 _CELL_SAMPLES = 64
-"""Cells a side, at most, at which a map is looked at."""
+"""Most cells a side at which a map is evaluated."""
 _EDGE_POINTS = 257
-"""Points along each edge of the field at which a device is asked whether it reaches so far."""
+"""Points along each edge of the field at which it is checked whether a device reaches so far."""
 SHORT_PX = 0.5
-"""A device that ends so little within the field has pixels as good as everywhere."""
+"""Pixels by which a device may end short of the field's edge and still cover it."""
 
 
 def list_cell_centres(grid: tuple[int, int]) -> Floats:
@@ -129,9 +129,10 @@ def find_points_on_device(map_: Map, points_px: Floats) -> NDArray[np.bool_]:
 
 
 def measure_cell_sides(map_: Map, points_px: Floats, grid: tuple[int, int]) -> tuple[float, float]:
-    """Fewest and most pixels along a cell's side at points of the device, (n, 2); 0 of no points.
+    """Fewest and most pixels along a cell's side at points of the device, (n, 2); 0 if there are no
+    points.
 
-    The directions are those in which a step of one pixel leads furthest, and least far.
+    They are measured in the directions in which a step of one pixel leads furthest, and least far.
     """
     if not len(points_px):
         return 0.0, 0.0
@@ -150,8 +151,8 @@ def find_fewest_pixels(map_: Map, grid: tuple[int, int]) -> float | None:
 
 
 def is_field_covered(map_: Map) -> bool:
-    """Whether the device has pixels all over the field. One without holes does where it reaches
-    all of the field's border."""
+    """Whether the device has pixels all over the field. Devices have no holes, so it has if it
+    reaches all of the field's border."""
     along = np.linspace(0.0, 1.0, _EDGE_POINTS)
     ends = np.zeros(_EDGE_POINTS), np.ones(_EDGE_POINTS)
     border = [np.stack(pair, axis=-1) for end in ends for pair in ((along, end), (end, along))]

@@ -1,16 +1,15 @@
 """Patterns of one panel over L lattice cells: packed bits, or grey levels where bits do not do.
 
 An array of patterns is either (P, ceil(L/8)) uint8, packed by `numpy.packbits` along axis 1, or
-(P, L) float32, the level that each cell is sent, over the highest, 0..1. What light that is,
-`pdcd.panels.curve` knows; binary patterns need none of it.
+(P, L) float32, the level that each cell is sent, over the highest, 0..1. `pdcd.panels.curve` gives
+the light of levels; binary patterns do not need it.
 
-Binary patterns packed as the 24 bit planes of an RGB picture.
-
-DLP controllers in video-pattern mode take one RGB picture a video refresh and show its 24 bits one
-after the other, each for 1/24 of the refresh: 1440 binary patterns a second at 60 Hz. Plane j of a
-picture is bit ``j % 8``, counted from the least significant, of the colour ``order[j // 8]``. The
-DLPC350 (TI DLPU010, "Pattern Number Mapping") counts G0..G7, R0..R7, B0..B7: order "GRB". Others
-are set up otherwise, so that the order can be chosen.
+Binary patterns can be packed as the 24 bit planes of an RGB picture. DLP controllers in
+video-pattern mode take one RGB picture a video refresh and show its 24 bits one after the other,
+each for 1/24 of the refresh: 1440 binary patterns a second at 60 Hz. Plane j of a picture is bit
+``j % 8``, counted from the least significant, of the colour ``order[j // 8]``. The DLPC350 (TI
+DLPU010, "Pattern Number Mapping") counts G0..G7, R0..R7, B0..B7: order "GRB". Others are set up
+otherwise, so that the order can be chosen.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ def make_empty_patterns() -> NDArray[np.uint8]:
 
 
 def has_cell_count(patterns: Patterns, cells: int) -> bool:
-    """Whether patterns are over so many cells; none at all are over any number."""
+    """Whether patterns have so many cells; an array without patterns fits any number."""
     width = -(-cells // 8) if patterns.dtype == np.uint8 else cells
     return len(patterns) == 0 or patterns.shape[1:] == (width,)
 

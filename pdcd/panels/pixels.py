@@ -2,7 +2,7 @@
 
 Codes repeat, blacks repeat: a run of thousands of refreshes has a few hundred distinct pictures. A
 picture is a panel's pixels as sums of the three colour channels, 0..765, so that a pixel of a wrong
-colour counts as the light it really gives; `WHITE_SUM` is white.
+colour counts with the light that it really gives; `WHITE_SUM` is white.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ class ShownPictures:
 
 
 def crop_panel(screen: NDArray[np.uint8], box: PanelBox) -> PanelImage:
-    """One panel out of a grab of the screen, (H, W, 3) uint8.
+    """One panel, cut from a grab of the screen, (H, W, 3) uint8.
 
-    Raises ConfigError when the grab does not hold the panel.
+    Raises ConfigError when the grab does not contain the panel.
     """
     x, y, width, height = box
     part = screen[y : y + height, x : x + width]
@@ -75,7 +75,7 @@ def crop_panel(screen: NDArray[np.uint8], box: PanelBox) -> PanelImage:
 
 
 class Recorder:
-    """Takes pictures of both panels in the order of the frame log, keeps what is new in them."""
+    """Takes pictures of both panels in the order of the frame log, and keeps the new ones."""
 
     def __init__(self, projector_px: tuple[int, int], mask_px: tuple[int, int]) -> None:
         self._panels = (_Panel(projector_px), _Panel(mask_px))

@@ -1,4 +1,4 @@
-"""How a device lies on the field, said by hand: flips, a turn, a size, a shift; or exactly."""
+"""How a device lies on the field, given by hand: flips, a turn, a size, a shift; or exactly."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Placing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     With nothing given the device fills the field, upright. Else its picture on the field is first
     mirrored, then turned about the field's centre, then enlarged, then shifted. `homography`
-    says all of that at once instead.
+    gives all of that at once instead.
     """
 
     flip: Literal["none", "horizontal", "vertical"] = "none"
@@ -33,7 +33,7 @@ class Placing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     offset_px: tuple[float, float] = (0.0, 0.0)
     """Shift of the device's picture (right, down), in projector pixels."""
     homography: MapMatrix | None = None
-    """3 x 3, row by row, of (x, y, 1); `homography_from` says from what to what."""
+    """3 x 3, row by row, of (x, y, 1); `homography_from` gives its direction."""
     homography_from: Literal["pixels", "field"] = "pixels"
     """"pixels": from the device's pixels (of a camera: Bayer quads), whose first one covers 0 to 1,
     to the field, which covers 0 to 1 either way; "field": from the field to them."""
@@ -44,8 +44,8 @@ class Placing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """p1, p2 of the same."""
     map: str | Map | None = None
     """File of a calibration, .npz, instead of all of these: it holds the map of this device by the
-    name of its table. When a configuration is read, what the file holds takes its place, so that
-    all who use the configuration, and the records of its runs, have the same map."""
+    name of its table. When a configuration is read, the content of the file replaces its name, so
+    that all who use the configuration, and the records of its runs, have the same map."""
 
     @property
     def by_hand(self) -> tuple[str, ...]:
@@ -57,7 +57,7 @@ class Placing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 @cache
 def _by_hand_defaults() -> tuple[tuple[str, object], ...]:
-    """Each key of a place by hand, and its value where it is not given."""
+    """Each key of a place by hand, and its default."""
     return tuple((f.name, f.default) for f in msgspec.structs.fields(Placing) if f.name != "map")
 
 
@@ -67,10 +67,10 @@ def make_placed_map(
     """The map of a device that is placed by hand.
 
     size_px, projector_px : (width, height) of the device, and of the projector, whose pixels are
-        square: they say what a turn is on a field that is no square.
+        square: they define a turn on a field that is not square.
 
     Raises ConfigError for a map that cannot be used (`pdcd.panels.map_soundness`), one of another
-    size, a file that cannot be read, and for a place that is said twice.
+    size, a file that cannot be read, and a place that is given twice.
     """
     check_once(placing, device)
     if placing.map is not None:
@@ -82,7 +82,7 @@ def make_placed_map(
 def _worked_out(
     placing: Placing, size_px: tuple[int, int], projector_px: tuple[int, int], device: str
 ) -> Map:
-    """The map of a place by hand, which holds no file; every capture asks for it many times."""
+    """The map of a place by hand, without a file; cached, as every capture needs it many times."""
     filling = Map.filling(size_px)
     if placing.homography is None:
         lens = filling.then(_by_hand(placing, projector_px))
@@ -97,7 +97,7 @@ def _worked_out(
 
 
 def check_once(placing: Placing, device: str) -> None:
-    """Raise ConfigError for a place that is said twice: by a map or a homography, and by hand."""
+    """Raise ConfigError for a place that is given twice: by a map or a homography, and by hand."""
     whole = "map" if placing.map is not None else "homography"
     besides = set(placing.by_hand)
     if placing.map is None:
@@ -111,7 +111,7 @@ def check_once(placing: Placing, device: str) -> None:
 
 
 def _given(given: str | Map, size_px: tuple[int, int], device: str) -> Map:
-    """The map of a file or a table, if it is one of a device of that size."""
+    """The map of a file or a table, if it is for a device of that size."""
     found = load_map(given, device) if isinstance(given, str) else check_map(given, device)
     if found.size_px != tuple(size_px):
         wide, high = found.size_px
@@ -128,7 +128,7 @@ def _given(given: str | Map, size_px: tuple[int, int], device: str) -> Map:
 def _by_hand(placing: Placing, projector_px: tuple[int, int]) -> Floats:
     """Flip, turn, size and shift as a homography from field to field."""
     width, height = projector_px
-    # In projector pixels about the centre of the field, where a turn is a turn.
+    # In projector pixels about the centre of the field, where a rotation keeps shapes.
     to_px = np.array([[width, 0.0, -0.5 * width], [0.0, height, -0.5 * height], [0.0, 0.0, 1.0]])
     sides = {"none": (1.0, 1.0), "horizontal": (-1.0, 1.0), "vertical": (1.0, -1.0)}
     flip = np.diag([*sides[placing.flip], 1.0])
@@ -154,7 +154,7 @@ def _turn(degrees: float) -> tuple[float, float]:
 _SINGULAR = 1e-9
 """Determinant over the cube of the largest entry below which there is no inverse."""
 _HORIZON = 1e-6
-"""The same of the depth of a point."""
+"""The same for the depth of a point."""
 
 
 def project_points(matrix: tuple[float, ...], points: Floats) -> Floats:
@@ -162,8 +162,8 @@ def project_points(matrix: tuple[float, ...], points: Floats) -> Floats:
 
     matrix : nine numbers, row by row, for (x, y, 1).
 
-    Raises ValueError, in words for a user, for one that has no inverse or that takes any of the
-    points to infinity or behind it.
+    Raises ValueError, in words for a user, for a matrix without an inverse or one that takes any of
+    the points to infinity or behind it.
     """
     homography = np.array(matrix, dtype=np.float64).reshape(3, 3)
     scale = float(np.abs(homography).max())

@@ -18,12 +18,12 @@ wide    full and ``[P] / [0]`` -1 <= s <= 2       1 of 4
 
 "No light of other codes" is exact, for panels that switch at once and have a perfect black: the
 mask of a code is then open under its own pattern or under black only, so that a photo of indirect
-light keeps no direct light. Beyond it the next code's light gets in for the rest of s. Slow panels
-let the tail of a closing mask meet what comes after it: in "both" that is a black projector first,
-in "lag" and "full" the code's own pattern for one refresh, in "wide" for two, in "tail" that and a
-black projector, in "lead" and "none" the next code. The projector's tail meets a black mask but for
-"none". A mask's leak collects over all refreshes in which the projector is lit: 1, 1, 2, 2, 2, 3
-and 4 times its share of one refresh.
+light keeps no direct light. Beyond these lags the next code's light gets in for the rest of s. With
+slow panels the tail of a closing mask meets what comes after it: in "both" that is a black
+projector first, in "lag" and "full" the code's own pattern for one refresh, in "wide" for two, in
+"tail" that and a black projector, in "lead" and "none" the next code. The projector's tail meets a
+black mask except in "none". A mask's leak collects over all refreshes in which the projector is
+lit: 1, 1, 2, 2, 2, 3 and 4 times its share of one refresh.
 
 In quarter-window mode every code is shown four times, under four sub-shifts, each with the mask
 open in the centre of its cells only (the paper's twelve-refresh sequence, as reconstructed).
@@ -77,7 +77,7 @@ def build_frames(
     schedule : a name of `SLOTS`.
     passes : how often the whole sequence is shown.
     primal_black, dual_black : keep that panel black, for the shots that measure leaks.
-    dark_s : for how long both panels are black after each row.
+    dark_s : time for which both panels are black after each row.
     """
     lattice = Lattice(grid, window)
     primal, dual = (make_empty_patterns(), make_empty_patterns()) if pairs is None else pairs

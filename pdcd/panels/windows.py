@@ -1,8 +1,8 @@
 """Windows of the mask: which part of a cell opens, and when.
 
 Along an axis a window takes the middle of its cell: all of it ("whole"), one half ("quarter": a
-quarter of the area, the paper's), or more, up to seven eighths. Beside whole cells every code is
-shown under four sub-shifts, so that windows serve every place. Windows of more than half a cell
+quarter of the area, the paper's), or more, up to seven eighths. Except with whole cells every code
+is shown under four sub-shifts, so that windows serve every place. Windows of more than half a cell
 overlap with those that are moved by half a cell: a place then opens under one sub-shift or under
 two of an axis, and the photo is divided by how often it did.
 
@@ -11,8 +11,7 @@ Along an axis a cell falls into *strips*, each of which opens under its own shif
     |- 1 -|-- 2 --|--- 0 ---|-- 3 --|- 1 -|      0: in place    1: when moved    2, 3: both
     0     g      w/2      1-w/2    1-g    1      w: side of the window, g = (1 - w) / 2
 
-The strips 1 of two neighbouring cells are one. Of half windows w/2 = g, and there are no strips 2
-and 3.
+The strips 1 of two neighbouring cells are one. Half windows have w/2 = g, and no strips 2 and 3.
 """
 
 from __future__ import annotations
@@ -29,11 +28,11 @@ ATOMS = 16
 """Equal parts of a cell along an axis on whose borders every window ends."""
 
 GUARDS: dict[str, int] = {"quarter": 4, "side-5/8": 3, "side-3/4": 2, "side-7/8": 1}
-"""Atoms from the edge of a cell to that of its window, of windows that need sub-shifts; widest
+"""Atoms from the edge of a cell to that of its window, for windows that need sub-shifts; widest
 guard first."""
 
 _NEAR_PX = 1e-6
-"""An edge this near to that of a pixel lies on it."""
+"""Distance within which an edge counts as lying on that of a pixel."""
 
 PLACED, MOVED, LOWER, UPPER = range(4)
 """Strips, as in the drawing above."""
@@ -43,7 +42,7 @@ PLACED, MOVED, LOWER, UPPER = range(4)
 class WindowKind:
     """One kind of window.
 
-    guard : way from the edge of a cell to that of its window, in cells.
+    guard : distance from the edge of a cell to that of its window, in cells.
     kinds : strips along an axis.
     """
 
@@ -84,7 +83,7 @@ class WindowKind:
 
     def further(self, strip: int, moved: int) -> int:
         """How many code cells further than its number a strip shows when moved. The number is that
-        of the cell it lies in; of `MOVED` ones that of the code cell it shows."""
+        of the cell it lies in; for `MOVED` strips that of the code cell they show."""
         return int(strip == UPPER and moved == 1)
 
 
@@ -100,7 +99,7 @@ def find_window_kind(name: str) -> WindowKind:
 def is_on_whole_pixels(name: str, panel: PanelView, grid: tuple[int, int]) -> bool:
     """Whether all strips of all cells end at the edges of a panel's pixels.
 
-    Overlapping windows need it: a pixel more or less in one is light that nobody counts. Half
+    Overlapping windows need it: a pixel more or less in one is light that is not counted. Half
     windows and whole cells do not, as every pixel is in one window.
     """
     if find_window_kind(name).kinds < 4:
@@ -123,9 +122,8 @@ def is_on_whole_pixels(name: str, panel: PanelView, grid: tuple[int, int]) -> bo
 def number_strips(name: str, atom: NDArray[np.int32]) -> NDArray[np.int32]:
     """Number of the strip that each atom lies in along an axis, for windows under sub-shifts.
 
-    atom : whole numbers, `ATOMS` to a cell, from the field's edge. Strips
-    count up along the axis, from the `MOVED` one at the field's edge; each cell begins as many as
-    there are kinds.
+    atom : whole numbers, `ATOMS` to a cell, from the field's edge. Strips are counted along the
+    axis, from the `MOVED` one at the field's edge; each cell adds as many as there are kinds.
     """
     guard = GUARDS[name]
     side = ATOMS - 2 * guard
