@@ -67,7 +67,7 @@ class CaptureRun:
         shown: dict[str, TakenShot] | None = None,
     ) -> None:
         """notes : what else the user should know of the bench. shown : receives all shots by
-            name."""
+        name."""
         if rig.camera_info is None:
             raise DeviceLost("the rig is not open", device="camera", hint="start the engine first")
         self._config, self._rig, self._profile = config, rig, profile

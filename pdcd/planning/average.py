@@ -161,7 +161,7 @@ def _told(plan: Plan, noise: float, times: int, seconds: float) -> str:
         )
     if left > NOISE:
         text += (
-            f"; more than {MOST_EXPOSURES} of them, {MOST_S:g} s or what memory holds are not "
-            "spent unasked: darken the room, or name an error"
+            f"; more than {MOST_EXPOSURES} of them, {MOST_S:g} s, or what memory holds are "
+            "taken only if you ask: darken the room, or name an error"
         )
     return text

@@ -216,8 +216,8 @@ def _border_reasons(config: Config, grid: tuple[int, int], window: str) -> Itera
     if window == "whole":
         yield (
             f"window whole: the panels draw different cells in {100.0 * apart:.2g} % of the field, "
-            "and as much of the direct light gets into an indirect photo; beside a white photo one "
-            "more is taken of these places alone, and their light is taken out"
+            "and as much of the direct light gets into an indirect photo; beside a white photo "
+            "another is taken, of these places alone, and their light is subtracted"
         )
     better = find_nearest_grid(panels.projector, panels.mask, grid)
     if better is not None and better != grid:

@@ -172,7 +172,7 @@ class OwnCodes:
         if parts:
             yield (
                 f"parts: {parts} exposures of {len(self.primal) // parts} codes each, in their "
-                "order; their spread measures the error where codes of each err independently"
+                "order; their spread measures the error if those of their codes are independent"
             )
         else:
             yield "parts: one exposure; the error of the codes is not in the error bars"
@@ -211,7 +211,7 @@ class OwnCodes:
         error += np.mean(own**2) * direct
         signal = np.mean((kind[0] * light.direct + kind[1] * light.indirect) ** 2)
         return (
-            f"{told}; they err by {100.0 * float(np.sqrt(error / signal)):.2g} % of the coded "
+            f"{told}; their error is {100.0 * float(np.sqrt(error / signal)):.2g} % of the coded "
             f"photo ({light.name})"
         )
 

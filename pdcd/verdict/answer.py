@@ -30,7 +30,7 @@ _MOST_ERROR: Mapping[ErrorCause, str] = {
     "codes": "codes have large errors on sharp light, such as that of mirrors; take more codes",
     "maps": "light goes through the mask's wrong cells; run pdcd calibrate registration",
     "timing": "direct light gets through as the panels switch; take full guards",
-    "stops": "it is not known well what two stops let through; take all photos at one stop",
+    "stops": "how the light of two stops compares is not known well; take all photos at one stop",
 }
 """What to say where error bars come mostly from this cause."""
 

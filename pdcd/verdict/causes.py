@@ -150,13 +150,13 @@ class Cause(Enum):
         "{quarter_px:.3g} px; {mend}")
     MASK_BLUR = VerdictRow(0.06, 0.4,
         "light is blurred by {blur_px:.2g} px on its way to the mask (projector pixels; a mask "
-        "that lies as far off looks alike), and not by {known_px:.2g} px as [mask] blur_px says: "
-        "{lost} of the direct light goes through wrong cells, {figure} of the answer (limit "
-        "{limit}); run pdcd calibrate registration, or take quarter windows; or focus the "
+        "that is displaced by as much looks the same), not by the {known_px:.2g} px of [mask] "
+        "blur_px: {lost} of the direct light goes through wrong cells, {figure} of the answer "
+        "(limit {limit}); run pdcd calibrate registration, or take quarter windows; or focus the "
         "projector, and the scene on the mask")
     CAMERA_PLACE = VerdictRow(0.5, NEVER,
         "the camera's view {lies} [camera.place] says, and half a cell is {half_px:.3g} px: "
-        "pixels are counted to wrong cells; {mend}")
+        "pixels are assigned to wrong cells; {mend}")
     BESIDE_MASK = VerdictRow(0.06, NEVER,
         "{part} of the field lies outside the mask's picture, and nothing is known there: if it is "
         "as bright as the field next to it, {figure} of the answer is missing (limit {limit}); run "
@@ -231,8 +231,9 @@ class Cause(Enum):
         "light; take more codes")
     # 16 codes have 0.25, 100 of them 0.1; codes that leave no error less than 0.003.
     CODES_UNMEASURED = VerdictRow(0.1, NEVER,
-        "codes are not in the error bar: on sharp light, as of mirrors, the answer may be off by "
-        "{figure} (RMS, limit {limit}); take {advice}", remark=0.003)
+        "error bars do not include the error of the codes: with sharp light, such as that of "
+        "mirrors, the answer may be off by {figure} (RMS, limit {limit}); take {advice}",
+        remark=0.003)
     LEAKS_LEFT = VerdictRow(0.05, 0.3,
         "ambient light and leaks are {figure} of the answer and were not subtracted (limit "
         "{limit}); darken the room, or take black exposures")

@@ -20,8 +20,8 @@ _DRIFT_LIMITS = (0.03, 0.15)
 @dataclass(frozen=True)
 class Lamp:
     """drift_per_h : relative change in an hour, and its standard deviation. flicker : relative
-        standard deviation from photo to photo, beyond noise and drift, and its standard deviation.
-        seconds : length of the series."""
+    standard deviation from photo to photo, beyond noise and drift, and its standard deviation.
+    seconds : length of the series."""
 
     drift_per_h: float
     drift_sigma: float

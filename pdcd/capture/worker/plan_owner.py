@@ -336,9 +336,7 @@ class Course:
         try:
             more = with_black_exposures(plan, leaks, config, self.darkroom.record.shots)
         except RequestError as err:
-            self._adopt(
-                note_harmless_leaks(plan, leaks)
-            )  # what is known of leaks must be recorded
+            self._adopt(note_harmless_leaks(plan, leaks))  # what is known of leaks must be recorded
             self._orders.note(
                 f"ambient light and leaks make {share}, and black exposures are not added: "
                 f"{err.message}"

@@ -96,7 +96,7 @@ def test_one_exposure_is_not_good_without_a_word(tmp_path: Path, codes: int, wor
     found = verdict(tmp_path, codes=codes)
     assert found.verdict == word
     told = found.remarks if word == "good" else found.reasons
-    assert any(text.startswith("codes are not in the error bar") for text in told)
+    assert any(text.startswith("error bars do not include the error of the codes") for text in told)
 
 
 def test_codes_that_leave_no_error_need_no_word(tmp_path: Path) -> None:

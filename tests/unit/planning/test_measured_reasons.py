@@ -169,7 +169,7 @@ def test_whole_windows_of_panels_that_were_placed_say_what_gets_through() -> Non
 def test_cells_that_do_not_end_with_pixels_name_those_that_do() -> None:
     whole = explain_bench_fit(Config(), (36, 48), "whole", "full", None)
     assert whole[-1] == "cells of 36 x 48 do not end on the pixels of both panels; 48 x 64 do"
-    assert "their light is taken out" in whole[0]
+    assert "their light is subtracted" in whole[0]
     assert explain_bench_fit(Config(), (36, 48), "quarter", "full", None) == whole[-1:]
     for goal, window in (("indirect", "whole"), ("direct", "whole"), ("fraction", "quarter")):
         asked: dict[str, Any] = {"goal": goal, "p": 0.25 if goal == "fraction" else None}
