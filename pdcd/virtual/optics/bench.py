@@ -1,12 +1,12 @@
 """A mock bench of pixels: what its camera sees, quad by quad.
 
-At a point x of the field, with p and m what the pixels there of projector and mask let pass:
+At a point x of the field, where the projector's pixel passes p and the mask's pixel passes m:
 
     light(x)  = blur of [ direct(y) p(y, t) + indirect(y, t) ] over y around x
     sensor(x) = integral of m(x, t) (light(x, t) + ambient(x)) dt
 
-A quad has the mean of its samples; blur and vignetting of the lens follow. What is absent costs
-nothing. docs/mock-bench.md says it in full.
+The value of a quad is the mean of its samples; the lens then adds blur and vignetting. What is
+absent costs nothing. docs/mock-bench.md describes it in full.
 """
 
 from __future__ import annotations
@@ -64,14 +64,14 @@ from pdcd.virtual.scene.scene import Scene
 from pdcd.virtual.scene.texture import average_cells
 
 MOST_DRIVES = 3
-"""Ways of driving the panels of which all is kept: a white shot's, a coded one's, the truth's."""
+"""Ways of driving the panels that are kept: for a white shot, for a coded one, for the truth."""
 
 
 @dataclass(frozen=True)
 class _Driven:
-    """What follows from the way the panels are driven: the sites of projector and mask, and how
-    pictures are rendered of what is seen of them; without a mask, site 0 of it stands before
-    everything. `spread` (projector sites, N) is the share of each cell that a site lights."""
+    """What follows from the way the panels are driven: the sites of projector and mask, and the
+    renderer of pictures seen through them. Without a mask, its site 0 lies in front of everything.
+    `spread` (projector sites, N) is the share of each cell that a site lights."""
 
     lit: PanelSites
     opened: PanelSites
@@ -84,8 +84,8 @@ class OpticalBench:
 
     Parameters
     ----------
-    config : what is believed; `[bench] truth` in it names what is true.
-    scene : what stands there.
+    config : what is believed; its `[bench] truth` names what is true.
+    scene : the scene on the bench.
     frame : rows and columns of the camera's quads.
 
     Raises ConfigError for a wrong truth, or a map that cannot be used.
@@ -107,12 +107,12 @@ class OpticalBench:
 
     @property
     def scene(self) -> Scene:
-        """What stands there."""
+        """The scene on the bench."""
         return self._scene
 
     @property
     def truth(self) -> BenchTruth:
-        """What the bench is beyond what is believed."""
+        """How the bench differs from what is believed."""
         return self._setting.truth
 
     @property
@@ -147,7 +147,7 @@ class OpticalBench:
     def _whole(
         self, exposure: PanelExposure, lit: SiteKind, opened: SiteKind
     ) -> HistoryTables | None:
-        """What all pairs of histories did together; None where there are too many of them."""
+        """The tables of all pairs of histories; None where there are too many pairs."""
         projector, spread = self._lit(lit)
         truth, true = self.truth, self.true
         mask = PanelSites(self._setting.drawn.mask, opened, truth.mask, true.mask)
@@ -173,7 +173,7 @@ class OpticalBench:
 
     def _looked_up(self, whole: HistoryTables, room: Floats | None, finely: bool) -> Floats:
         """The picture of panels whose pixels have few histories; room : ambient light, (N, 3).
-        finely : whether strips that are much narrower than a quad are seen as wide as they are."""
+        finely : whether strips much narrower than a quad are seen at their true width."""
         direct, means = compute_direct_albedo(self._scene.effects, self._scene.cells), self._means
         if means is not None:
             direct = direct / means[0]
@@ -186,7 +186,7 @@ class OpticalBench:
         return render_by_lookup(setting, looks, self._cells, whole, scene, textures)
 
     def _tables(self, driven: _Driven, exposure: PanelExposure) -> PairTables:
-        """For how long sites were lit and open, and what light that sent about."""
+        """For how long sites were lit and open, and the indirect light that came of it."""
         met, frames = driven.renderer.met, exposure.frames
         if not frames.of_pixels:
             products = Products(
@@ -221,17 +221,17 @@ class OpticalBench:
         *,
         grid: tuple[int, int] | None = None,
     ) -> Floats:
-        """A picture as the scene itself would have it, through the same optics, (rows, cols, 3).
+        """The true picture, computed from the scene, through the same optics, (rows, cols, 3).
 
-        `answer` says what the picture is on a scene, cell by cell, (N, 3) in scene units; it is
-        linear in the scene's effects. The mask is taken away, the projector is as uneven as it is.
-        Of quads whose blur reaches beyond the field it is what they see of the field.
+        `answer` computes the picture of a scene, cell by cell, (N, 3) in scene units; it is linear
+        in the scene's effects. The mask is taken away; the projector stays as uneven as it is.
+        A quad whose blur reaches beyond the field gets only what it sees of the field.
 
-        meant : the wanted matrix of the picture. A place between the centres of cells gets the
-            light of both, but it lies in one of them, and what is wanted there is that cell's row.
-            Without it, and off the axis, the light of either counts as seen from there.
-        grid : rows and columns of the cells of codes, which `meant` is of; None: the scene's.
-        alive : called now and then, may raise to end the work.
+        meant : the wanted matrix of the picture. A place between the centres of two cells gets
+            the light of both, but it lies in one of them, and that cell's row applies there.
+            Without `meant`, and off the axis, the light of each cell counts as seen from that cell.
+        grid : rows and columns of the cells of the codes, those of `meant`; None: the scene's.
+        alive : called now and then; it may raise to end the work.
         """
         own = None if meant is None else self._own(grid)
         if meant is not None and (own is not None or self._between):
@@ -249,8 +249,8 @@ class OpticalBench:
     def _wanted_of_places(
         self, meant: WantedMatrix, own: OwnCells | None, alive: Callable[[], None]
     ) -> Floats:
-        """What is wanted of each place by the cell that it lies in, one of the codes' `own` or, for
-        None, of the scene's."""
+        """What is wanted of each place according to the cell that it lies in: a cell of the codes'
+        `own` or, where that is None, of the scene."""
         scene = self._scene
         grid = scene.grid if own is None else own.grid
         kind = SiteKind(grid, "whole", False)
@@ -272,15 +272,16 @@ class OpticalBench:
         return self._unshared(self._image(driven, full, reflected, sent, None), own)
 
     def tells(self, meant: WantedMatrix, grid: tuple[int, int]) -> bool:
-        """Whether `wanted` knows what codes of such a grid mean: off the axis only cells of the
-        scene, or none in particular, and of all of the projector's picture."""
+        """Whether `wanted` can compute what codes of this grid mean. Off the axis it can only if
+        they fill the projector's whole picture and either have the scene's cells or want the same
+        of every cell."""
         if self._scene.displacement is None:
             return True
         whole = self._setting.believed.projector.field_px is None
         return whole and (grid == self._scene.grid or meant.uniform is not None)
 
     def _own(self, grid: tuple[int, int] | None) -> OwnCells | None:
-        """Cells of codes that are not the scene's; None where they are, or off the axis."""
+        """The codes' own cells; None where they are the scene's cells, or off the axis."""
         if grid is None or self._scene.displacement is not None:
             return None
         return find_own_cells(self._setting, self._scene.grid, grid)
@@ -298,7 +299,7 @@ class OpticalBench:
         return self._scene.textures is not None and self._scene.displacement is None
 
     def _unshared(self, image: Floats, own: OwnCells | None) -> Floats:
-        """A picture as quads have it that see nothing but the field."""
+        """The picture as if quads saw nothing but the field: divided by their share of it."""
         share = self.share if own is None else self._lens.share_of(own.inside)
         return image if share is None else image / np.where(share > 0.0, share, 1.0)[..., None]
 
@@ -313,8 +314,8 @@ class OpticalBench:
         return self.inside_of(None)
 
     def inside_of(self, grid: tuple[int, int] | None) -> NDArray[np.bool_]:
-        """Which quads lie wholly inside the field of codes of such a grid, (rows, cols); None: of
-        the scene's."""
+        """Which quads lie wholly inside the field of codes of this grid, (rows, cols); None: of the
+        scene's grid."""
         rows, cols = self.frame
         corners = np.stack(np.meshgrid(np.arange(cols + 1.0), np.arange(rows + 1.0)), axis=-1)
         places, own = self._setting.camera.to_field(corners), self._own(grid)
@@ -344,7 +345,7 @@ class OpticalBench:
 
     @cached_property
     def _means(self) -> tuple[Array, Array] | None:
-        """What the scene's textures are over its cells, (N, 3) each."""
+        """Means of the scene's textures over its cells, (N, 3) each."""
         textures, grid = self._scene.textures, self._scene.grid
         return textures and (average_cells(textures[0], grid), average_cells(textures[1], grid))
 
@@ -383,7 +384,8 @@ class OpticalBench:
         indirect: Floats,
         ambient: tuple[Floats, Floats] | None,
     ) -> Floats:
-        """The picture on the sensor, of tables as `PictureTerms` has them but for textures."""
+        """The picture on the sensor. The tables are those of `PictureTerms`, before they are
+        divided by the means of textures."""
         means = self._means
         if means is not None:
             reflected = reflected / means[0]
@@ -392,8 +394,8 @@ class OpticalBench:
         return self._lens.through(driven.renderer.render(terms))
 
     def _driven(self, lit: SiteKind, opened: SiteKind | CellGrid | None) -> _Driven:
-        """What is seen when the panels are driven this way; without a mask for None, and before the
-        scene's own cells for a grid."""
+        """What is seen when the panels are driven this way. `opened` is None without a mask; a
+        grid stands for a mask that opens whole cells."""
         key = lit, opened
         if key not in self._kept:
             drawn, truth = self._setting.drawn, self.truth
@@ -439,7 +441,7 @@ class OpticalBench:
 
 
 def _kind(frames: Frames, patterned: bool) -> SiteKind:
-    """How a panel is driven that shows patterns of these frames, or none."""
+    """How a panel is driven that shows patterns of these frames, or no patterns."""
     if frames.of_pixels:
         return SiteKind((0, 0), PIXEL_WINDOW, patterned)
     return SiteKind(frames.grid, frames.window if patterned else "whole", patterned)

@@ -2,7 +2,7 @@
 
 Patterns of pixels (`Frames.of_pixels`) have as many sites as the panel has pixels, yet a photo of
 stripes or dots has only as many different histories as it has phases or kinds of dots. So products
-are made of histories, and each pair of pixels looks up the product of theirs.
+are computed for pairs of histories, and each pair of pixels looks up the product of its histories.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ _LEVELS = 256
 
 
 class Histories:
-    """Histories of a panel's sites under some frames; to products they are sites of their own.
+    """Histories of a panel's sites under some frames; `Products` treats them as sites.
 
     of : (S,) int64, the history of each site of the panel.
-    delay_ns, band, tile : as of `PanelSites`; near histories there are none, so that all of a band
-        are one tile.
+    delay_ns, band, tile : as in `PanelSites`; histories have no place, so all of a band are one
+        tile.
     """
 
     def __init__(self, sites: PanelSites, frames: Frames, *, mask: bool) -> None:
@@ -71,7 +71,7 @@ class Histories:
         return slice(int(first), int(end))
 
     def levels(self, frames: Frames, row: int, curve: Curve, part: slice) -> Floats:
-        """Light that a row of the frames asks of some histories, 0..1, float64."""
+        """Light that a row of the frames asks for from some histories, 0..1, float64."""
         asked = frames.dual_index if self._mask else frames.primal_index
         index = BLACK if row < 0 else int(asked[row])
         if index in (BLACK, WHITE):
@@ -79,7 +79,7 @@ class Histories:
         return curve.of(self._levels[index][part])
 
     def spread(self, sites: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
-        """What the histories light, (len, N), of what the sites do, (S, N)."""
+        """What each history lights, (len, N), summed over what its sites light, (S, N)."""
         each = np.arange(self.of.size)
         ones = np.ones(self.of.size)
         together = scipy.sparse.csr_array((ones, (self.of, each)), shape=(len(self), self.of.size))

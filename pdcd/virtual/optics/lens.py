@@ -14,9 +14,9 @@ from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff
 _REACH = 4.0
 """Standard deviations after which the blur is cut off."""
 _EDGE = 1e-9
-"""Places so little beyond the field lie on its edge."""
+"""Places no further than this beyond the field count as on its edge."""
 _POINTS = 8
-"""Points along either axis of a quad by which it is told how much of it lies in the field."""
+"""Points along either axis of a quad that measure how much of it lies in the field."""
 
 
 class Lens:
@@ -28,7 +28,8 @@ class Lens:
     def through(self, image: Floats) -> Floats:
         """What the sensor gets of a picture (rows, cols, 3): blurred and shaded.
 
-        Beyond the frame the outermost quads go on as far as the field does; beyond that it is dark.
+        Outside the frame the outermost quads are repeated as far as the field reaches; beyond the
+        field it is dark.
         """
         blur = self._setting.true.camera.blur_quads
         if blur:
@@ -40,12 +41,12 @@ class Lens:
     @cached_property
     def share(self) -> Floats | None:
         """Share of each quad's light, (rows, cols), that comes from the field, 0 to 1; None without
-        a blur, where quads that lie in the field see nothing else."""
+        a blur: then quads that lie in the field see nothing else."""
         return self.share_of(_in_unit)
 
     def share_of(self, inside_of: Callable[[Floats], NDArray[np.bool_]]) -> Floats | None:
-        """The same of a part of the field: `inside_of` says which points (..., 2) of the field lie
-        in it."""
+        """The same for a part of the field: `inside_of` says which points (..., 2) of the field lie
+        in that part."""
         if not self._setting.true.camera.blur_quads:
             return None
 
@@ -63,7 +64,7 @@ class Lens:
 
     def _blurred(self, image: Floats) -> Floats:
         """A picture (rows, cols, C), blurred."""
-        # Only a mock bench that blurs needs it; the daemons of real ones shall not load it.
+        # Only a mock bench that blurs needs it; daemons of real benches should not load it.
         from scipy.ndimage import gaussian_filter
 
         blur, (rows, cols) = self._setting.true.camera.blur_quads, self._setting.frame

@@ -9,7 +9,7 @@ from pdcd.virtual.scene.effects import Array, Cells, Effect
 
 @dataclass(frozen=True, eq=False)
 class IlluminatedEffect:
-    """An effect, lit at each cell by `light` (N,) where full light is asked: its columns scaled."""
+    """An effect whose cells get `light` (N,) when full light is asked for: its columns scaled."""
 
     effect: Effect
     light: Array

@@ -1,9 +1,9 @@
 """Pictures of panels whose pixels have few histories: each sample is looked up in one table.
 
-Under patterns of pixels hardly two quads have the same sights, so there is nothing to be kept from
-one picture to the next. But of what the pixels do there are few kinds
-(`pdcd.virtual.optics.histories`): a table of all pairs of them is small, and a picture is as many
-look-ups as it has samples.
+Under patterns of pixels hardly any two quads have the same sights, so nothing can be kept from one
+picture to the next. But the pixels have few different histories
+(`pdcd.virtual.optics.histories`): a table of all pairs of histories is small, and a picture takes
+one look-up a sample.
 """
 
 from __future__ import annotations
@@ -25,19 +25,20 @@ from pdcd.virtual.scene.texture import sample_texture
 MOST_PAIRS = 1 << 21
 """Largest table of pairs that is made."""
 _SPARSE = 1.0 / 64.0
-"""Share of all paths between pixels of both panels below which pictures are sparse."""
+"""Below this share of lit and open paths between pixels of both panels, pictures are sparse."""
 
 
 @dataclass(frozen=True)
 class HistoryTables:
-    """What pixels did, and what of it counts where.
+    """The histories of pixels, and the light that pairs of histories pass.
 
     mask, projector : (height, width) int32, the history of each pixel.
     beside : history of what lies beside the mask.
-    seconds : (M, P) for how long two histories were lit and open together.
+    seconds : (M, P) for how long a mask history was open while a projector history was lit.
     sent : (M, N, 3) indirect light of a cell through a mask history; None where there is none.
     open_s : (M,) for how long mask histories were open.
-    uneven : (height, width) light of each projector pixel over the brightest; None: all alike.
+    uneven : (height, width) light of each projector pixel, relative to the brightest; None: all
+        pixels are alike.
     """
 
     mask: NDArray[np.int32]
@@ -50,7 +51,7 @@ class HistoryTables:
 
 
 def list_all_pairs(first: int, second: int) -> SitePairs:
-    """All pairs of so many mask histories and so many other things, in the order of a table."""
+    """All pairs of `first` mask histories and `second` other things, in the order of a table."""
     return SitePairs(np.repeat(np.arange(first), second), np.tile(np.arange(second), first))
 
 
@@ -65,13 +66,13 @@ def render_by_lookup(
     """Mean light of each quad, (rows, cols, 3).
 
     scene : direct reflection of the cells (N, 3); then their ambient light (N, 3), if there is any.
-    textures : of direct and of indirect light, (H, W, 3) each, by which the cells' light is
-        multiplied from place to place; reflection and `Whole.sent` are then over their means.
+    textures : of direct and of indirect light, (H, W, 3) each, which multiply the cells' light
+        from place to place; the reflection and `whole.sent` are then divided by their means.
     """
     (rows, cols), per_quad = setting.frame, setting.samples
     plain, nothing = CellGrid(cells.grid, smooth=False), np.zeros((1, 3))
     reflected, *ambient = (_grey(np.append(part, nothing, axis=0)) for part in scene)
-    # One more history of the projector: what lies beside it is never lit.
+    # One more history of the projector, for what lies beside it: that is never lit.
     seconds = np.append(whole.seconds, np.zeros((len(whole.seconds), 1)), axis=1)
     unlit = seconds.shape[1] - 1
     sent = None
@@ -108,15 +109,15 @@ def render_by_lookup(
 
 @dataclass(frozen=True)
 class _Here:
-    """Which cells count at points, (n, corners), and how much each of them, (n, corners); None: one
-    cell each."""
+    """Which cells count at points, (n, corners), and how much each of them counts, (n, corners);
+    None: one cell a point."""
 
     cells: NDArray[np.integer]
     shares: Floats | None
 
     @classmethod
     def of(cls, grid: CellGrid, points: Floats) -> _Here:
-        """At points (n, 2) of the field; beside it counts the entry after the last cell."""
+        """At points (n, 2) of the field; a point beside it gets the entry after the last cell."""
         x, y = points[:, 0], points[:, 1]
         place = grid.at(x, y)
         if not grid.smooth:
@@ -126,8 +127,8 @@ class _Here:
         return cls(corners[place], grid.shares(x, y))
 
     def mean(self, values: Floats, first: NDArray[np.integer] | None = None) -> Floats:
-        """Values of cells (N + 1, C), or (M, N + 1, C) of which each point has its `first` index:
-        (n, C) of the points."""
+        """Values (n, C) at the points, from values of cells (N + 1, C) or (M, N + 1, C); `first`
+        is then each point's index into M."""
         if self.shares is None:
             return np.asarray(values[self.cells] if first is None else values[first, self.cells])
         found = values[self.cells] if first is None else values[first[:, None], self.cells]
@@ -135,12 +136,12 @@ class _Here:
 
 
 def _grey(light: Floats) -> Floats:
-    """(N, 1) of (N, 3) where all colours are the same."""
+    """The light (N, 3), as (N, 1) where all colours are the same."""
     return light[:, :1] if np.array_equal(light, np.repeat(light[:, :1], 3, axis=1)) else light
 
 
 def is_sparse(frames: Frames) -> bool:
-    """Whether pictures of pixels leave nearly all of both panels dark, so that few samples of a
+    """Whether patterns of pixels leave nearly all of both panels dark, so that few samples of a
     quad would see any light."""
     shares = []
     for patterns in (frames.primal_patterns, frames.dual_patterns):

@@ -1,4 +1,4 @@
-"""Whether a mock bench is one of pixels; most are one of cells, which is faster and as exact."""
+"""Whether a mock bench is computed by pixels; most are computed by cells: faster and as exact."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _made: WeakValueDictionary[tuple[int, int], OpticalBench] = WeakValueDictionary(
 def choose_optics(
     config: Config, scene: Scene, windows: Iterable[str] = ("whole",)
 ) -> OpticalBench | None:
-    """The bench pixel by pixel; None where the scene's cells say all there is to see.
+    """The bench pixel by pixel; None where computing it by the scene's cells is exact.
 
-    They do where nothing has a truth or a place of its own, codes and scene have the same cells,
-    edges of cells and windows are edges of pixels on both panels, and the camera either sees a cell
-    as one quad or there is nothing finer to see in it: no detail of the scene, and no edge of a
+    It is exact where no device has a truth or a place of its own, codes and scene have the same
+    cells, edges of cells and windows are edges of pixels on both panels, and the camera either sees
+    a cell as one quad or has nothing finer to see in it: no detail of the scene, no edge of a
     window. `windows` are those of the codes. Raises ConfigError for a truth or a map that cannot be
     used.
     """
@@ -55,8 +55,8 @@ def choose_optics(
 def build_pixel_bench(config: Config, scene: Scene) -> OpticalBench:
     """The bench pixel by pixel, whether it is needed or not. Raises ConfigError as `choose_optics`.
 
-    As long as somebody holds a bench, who asks for one of the very same configuration and scene
-    gets that: where the camera looks is found once for its photos and for their truth.
+    While a bench is in use, another call with the very same configuration and scene returns it:
+    where the camera looks is then found once, for its photos and for their truth.
     """
     from pdcd.virtual.optics.bench import OpticalBench  # most captures need none
 
@@ -69,8 +69,8 @@ def build_pixel_bench(config: Config, scene: Scene) -> OpticalBench:
 
 
 def _end_with_pixels(config: Config, lattice: Lattice) -> bool:
-    """Whether all edges of cells and windows are edges of pixels, on panels that fill the field: a
-    pixel shows the cell that its centre falls in, so that others are drawn beside their places."""
+    """Whether all edges of cells and windows are edges of pixels, on panels that fill the field. A
+    pixel shows the cell that its centre falls in, so other edges are drawn beside their places."""
     opening = lattice.opening
     halves, ends = {0.0}, {0.0}
     if opening.shifted:

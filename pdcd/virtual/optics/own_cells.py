@@ -1,8 +1,8 @@
 """The cells of a program on the field of the scene: where the projector shows them.
 
-A scene fills the projector's whole picture, and codes the part of it that all devices share, as it
-is believed to lie. What a picture is in truth is a matter of the cells of its codes: what is direct
-light is told by them, and not by the cells that a scene is described in.
+A scene fills the projector's whole picture; codes fill the part of it that all devices are believed
+to share. The true picture depends on the cells of its codes: those decide what counts as direct
+light, not the cells that a scene is described in.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from pdcd.virtual.optics.setting import OpticalSetting
 from pdcd.virtual.optics.sights import NO_SITE, CellGrid
 
 CLOSED = 0
-"""What a place counts as from which no light gets to the camera; cell n of the codes is n + 1."""
+"""The number of places whose light does not get to the camera; cell n of the codes is n + 1."""
 FIELD_EDGE = 1e-9
-"""Places so little beyond the field lie on its edge."""
+"""Places no further than this beyond the field count as on its edge."""
 
 
 @dataclass(frozen=True)
 class OwnCells(CellGrid):
-    """The cells of codes, in the place of a mask that lets nothing pass beside their field."""
+    """The cells of codes, used as a mask that lets nothing pass beside their field."""
 
     setting: OpticalSetting | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def of(cls, setting: OpticalSetting, grid: tuple[int, int]) -> OwnCells:
-        """Of a program of so many rows and columns of cells."""
+        """The cells of a program whose grid has these rows and columns."""
         return cls(grid, smooth=False, setting=setting)
 
     def on_field(self, points: Floats) -> Floats:
@@ -40,9 +40,9 @@ class OwnCells(CellGrid):
         return self.setting.drawn.projector.map.to_field(self.setting.on_projector(points))
 
     def before(self, seen: Floats, lit: Floats) -> NDArray[np.int32]:
-        """Cell of points, (n, 2), from which light comes that is `seen` at others, (n, 2), as
-        numbers from 1 on; `CLOSED` where these lie beside the field. What a blur brings from
-        beside it counts to the nearest cell."""
+        """Cells of the points `lit` (n, 2), whose light is seen at the points `seen` (n, 2), as
+        numbers from 1 on; `CLOSED` where `seen` lies beside the field. Light that a blur brings
+        from beside the field counts to the nearest cell."""
         passed = self.at(*self.on_field(seen).T) != NO_SITE
         with np.errstate(invalid="ignore"):
             nearest = np.clip(np.nan_to_num(self.on_field(lit)), 0.0, np.nextafter(1.0, 0.0))

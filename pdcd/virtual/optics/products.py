@@ -1,4 +1,4 @@
-"""For how long pairs of sites were lit and open together, and what indirect light came with that.
+"""For how long pairs of sites were lit and open together, and the indirect light in that time.
 
 An exposure is a sum of products of what a mask site lets through and what falls on it. Neither
 changes within a site, so a photo of millions of samples needs one number for each pair of sites
@@ -30,10 +30,10 @@ _Numbers = NDArray[np.int64]
 SPAN_CHUNK_BYTES = 48 * 2**20
 """Largest array of spans that is worked on at a time."""
 MASK_CACHE_BYTES = 128 * 2**20
-"""Most that what the mask did is kept in."""
+"""Most memory in which the mask's levels are kept."""
 COLOUR_COUNT = 3
 _LINEAR = 1.0
-"""Gamma of a panel of which nothing else is said."""
+"""Gamma of a panel whose curve is not known."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class PanelExposure:
 
 @dataclass(frozen=True)
 class SitePairs:
-    """Distinct pairs of a mask site and something else, each in the order of its file of numbers.
+    """Distinct pairs of a mask site and something else, one entry of either array each.
 
     mask, other : (P,) int64
     """
@@ -66,8 +66,8 @@ class SitePairs:
 def find_distinct_pairs(
     pairs: SitePairs, mask: _Numbers, other: _Numbers | None
 ) -> tuple[SitePairs, _Numbers]:
-    """The pairs of histories that pairs of sites are of, and which of them each is. `other` is None
-    where the other ones are cells."""
+    """The distinct pairs of histories among pairs of sites, and the index of each pair's own.
+    `mask` and `other` are the histories of sites; `other` is None where pairs hold cells there."""
     first = mask[pairs.mask]
     second = pairs.other if other is None else other[pairs.other]
     width = int(second.max(initial=0)) + 1
@@ -77,9 +77,12 @@ def find_distinct_pairs(
 
 @dataclass(frozen=True)
 class PairTables:
-    """Seconds for which the pairs of sites `direct` (P,) were lit and open together, the light
-    `indirect` (Q, 3) of scene units times seconds that came of a cell while a mask site was open,
-    and the seconds `open_s` (S,) for which each mask site was open."""
+    """The numbers of pairs, for one exposure.
+
+    direct : (P,) seconds for which the two sites were lit and open together.
+    indirect : (Q, 3) light from a cell while a mask site was open, in scene units times seconds.
+    open_s : (S,) seconds for which each mask site was open.
+    """
 
     direct: Floats
     indirect: Floats
@@ -87,7 +90,7 @@ class PairTables:
 
 
 class Products:
-    """Both panels of one exposure, and the light that their patterns send about in the scene.
+    """Both panels of one exposure, and the indirect light of their patterns in the scene.
 
     spread : (projector sites, N) sparse, share of each scene cell that is lit by each site.
     effects : the scene's indirect light.
@@ -107,7 +110,7 @@ class Products:
         self._primal, self._dual = (
             PanelOptics.from_config(panel) for panel in (config.projector, config.mask)
         )
-        # A panel of pixels is sent bytes, whatever is known of it.
+        # A panel of pixels is sent bytes, whether or not its curve is known.
         self._curves = [
             panel.curve or make_power_curve(_LINEAR) for panel in (self._primal, self._dual)
         ]
@@ -115,7 +118,8 @@ class Products:
         self._exposure, self._spread, self._effects = exposure, spread, effects
 
     def tables(self, direct: SitePairs, indirect: SitePairs) -> PairTables:
-        """The numbers of these pairs: of sites of both panels, and of mask sites and cells."""
+        """The numbers of these pairs: `direct` of sites of both panels, `indirect` of mask sites
+        and cells."""
         out = PairTables(
             np.zeros(direct.mask.size),
             np.zeros((indirect.mask.size, COLOUR_COUNT)),
@@ -144,7 +148,7 @@ class Products:
         return out
 
     def _add_band(self, out: PairTables, p_band: int, masks: list[_Mask]) -> None:
-        """Add what one band of the projector's rows brings."""
+        """Add the light of one band of the projector's rows."""
         lit = self._p_sites.in_band(p_band)
         p_rows, p_starts, p_track = self._track(p_band, mask=False)
         overlaps = [
@@ -178,7 +182,7 @@ class Products:
         share: scipy.sparse.csr_array,
         found: list[tuple[_Mask, Floats, NDArray[np.bool_]]],
     ) -> None:
-        """Add what some spans of the projector bring, at all bands of the mask."""
+        """Add the light of some spans of the projector, at all bands of the mask."""
         for mask, left, alive in found:
             lights = right[alive]
             for block in mask.direct:
@@ -192,8 +196,8 @@ class Products:
                     block.add(out.indirect, left, lights, tint)
 
     def _sent(self, cells: Floats) -> list[tuple[Array, Floats]]:
-        """What the scene makes of light on its cells (R, N): tint (3,) and light (R, N) of each
-        effect, or of each colour where these are fewer."""
+        """Indirect light for light on the cells (R, N): tint (3,) and light (R, N) of each effect,
+        or of each colour where there are fewer colours than effects."""
         if len(self._effects) <= COLOUR_COUNT:
             return [(effect.tint, effect.apply(cells)) for effect in self._effects]
         whole = np.zeros((COLOUR_COUNT, *cells.shape))
@@ -212,8 +216,8 @@ class Products:
         return [self._track(band, mask=True)[1:] for band in range(self._d_sites.delay_ns.size)]
 
     def _kept_tracks(self) -> list[tuple[SpanTimes, StoredSpans]] | None:
-        """The same, to be taken for one band of the projector after the other; None where that
-        would take too much memory."""
+        """The same, stored, to be read again for each band of the projector; None where there is
+        only one band, or where it would take too much memory."""
         spans = self._exposure.log.dual_ns.size + 2
         needed = 8 * spans * self._dual.rates.size * len(self._d_sites)
         if self._p_sites.delay_ns.size == 1 or needed > MASK_CACHE_BYTES:
@@ -246,7 +250,7 @@ class Products:
 
 @dataclass(frozen=True)
 class _Block:
-    """Pairs of one tile: their place in the table, and in the product of a small matrix."""
+    """Pairs of one tile: their places in the table, and in a product of two small matrices."""
 
     where: _Numbers
     rows: _Numbers
@@ -263,8 +267,8 @@ class _Block:
 def _blocks(
     pairs: SitePairs, opened: PanelSites | Histories, lit: PanelSites | Histories | None
 ) -> dict[tuple[int, int], list[_Block]]:
-    """The pairs by the bands of the projector and of the mask, tile by tile; all are of one band of
-    the projector where no sites of it are given."""
+    """The pairs, tile by tile, by the bands of the projector and of the mask. Where `lit` is None,
+    all pairs count to band 0 of the projector."""
     band = opened.band[pairs.mask]
     p_band = np.zeros_like(band) if lit is None else lit.band[pairs.other]
     keys = opened.tile[pairs.mask], band, p_band
@@ -285,7 +289,7 @@ def _blocks(
 
 @dataclass(frozen=True)
 class _Mask:
-    """One band of the mask's rows: its sites and their histories, and the pairs that they are in.
+    """One band of the mask's rows: its sites, their levels, and the pairs that they are in.
 
     starts : of its spans.
     """

@@ -2,9 +2,9 @@
 
 The inverse of a lens costs a microsecond a point, and a photo of twelve million samples has several
 of them. Over a frame such a map is smooth: polynomials of the seventh degree, each through the
-nodes about it, follow it. How closely is measured for each map, and one that they do not follow is
-computed point by point. Lagrange's form needs nothing but products, so neither a fit nor a library
-that takes longer to load than a small photo to compute.
+nodes about it, follow it. How closely they do is measured for each map; a map that they do not
+follow is computed point by point. Lagrange's form needs only products: no fit, and no library that
+takes longer to load than a small photo takes to compute.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _NODES = (65, 129)
 """Nodes a side that are tried."""
 _DEGREE = 7
 _CLOSE = 1e-5
-"""Largest error of the polynomials, in units of what `place` returns, as far as it is looked at."""
+"""Largest error of the polynomials at the points checked, in units of what `place` returns."""
 _PROBES = 2000
 
 
@@ -54,8 +54,8 @@ class MapRaster:
     ) -> tuple[Floats, Floats]:
         """Where the points of some rows go: across and down, (stop - start, w) float64 each.
 
-        aside : by how much, in steps of the raster up to a half, points lie to the right of their
-            place and below it, (stop - start, w) each, of two rows and columns at least.
+        aside : how far points lie to the right of their places on the raster and below them, in
+            steps of it, at most half a step; (stop - start, w) each, at least two rows and columns.
         """
         if self._fit is None:
             points = np.stack(np.meshgrid(self._x, self._y[start:stop]), axis=-1)
@@ -70,9 +70,12 @@ class MapRaster:
 
 @dataclass(frozen=True)
 class _Fit:
-    """A map by its nodes: `down` (h, nodes) for the rows, in each of which the nodes from `first`
-    (h,) on take part, `_DEGREE` + 1 of them; for each coordinate one matrix (nodes, w) for the
-    columns."""
+    """A map by its nodes.
+
+    down : (h, nodes) weights for the rows; only `_DEGREE` + 1 of a row are not 0
+    first : (h,) the first of those
+    across : for each coordinate, one matrix (nodes, w) for the columns
+    """
 
     down: Floats
     first: NDArray[np.intp]
@@ -87,14 +90,14 @@ class _Fit:
 
 
 def _moved(places: Floats, aside: tuple[Floats, Floats]) -> Floats:
-    """One coordinate at points beside those of a raster: a map that polynomials follow goes on for
-    half of a step as it does from point to point."""
+    """One coordinate at points beside those of a raster, by its slope between points: a map that
+    polynomials follow is straight enough for that over half a step."""
     down, across = np.gradient(places)
     return np.asarray(places + aside[0] * across + aside[1] * down)
 
 
 def _fitted(place: PointMap, x: Floats, y: Floats, nodes: int) -> _Fit | None:
-    """By so many nodes a side; None where the map is not that smooth."""
+    """A fit with that many nodes a side; None where the map is not smooth enough."""
     axes = [np.linspace(points[0], points[-1], nodes) for points in (x, y)]
     values = place(np.stack(np.meshgrid(*axes), axis=-1))
     if not np.isfinite(values).all():
@@ -106,8 +109,8 @@ def _fitted(place: PointMap, x: Floats, y: Floats, nodes: int) -> _Fit | None:
 
 
 def _weights(points: Floats, nodes: int) -> tuple[Floats, NDArray[np.intp]]:
-    """Lagrange's weights of evenly spaced nodes at ascending points, (P, nodes), of which those
-    from the second one on, (P,), are not 0, `_DEGREE` + 1 of them: those about the point."""
+    """Lagrange's weights of evenly spaced nodes at ascending points, (P, nodes), and the first node
+    of each point whose weight is not 0, (P,): the `_DEGREE` + 1 nodes around the point count."""
     place = (points - points[0]) * ((nodes - 1) / (points[-1] - points[0]))
     first = np.clip(np.floor(place).astype(np.intp) - _DEGREE // 2, 0, nodes - _DEGREE - 1)
     window = np.arange(_DEGREE + 1)
@@ -121,7 +124,7 @@ def _weights(points: Floats, nodes: int) -> tuple[Floats, NDArray[np.intp]]:
 
 
 def _follows(place: PointMap, x: Floats, y: Floats, fitted: _Fit) -> bool:
-    """Whether that is close to the map at some thousand points of the raster."""
+    """Whether the fit is close to the map at some thousand points of the raster."""
     rng = np.random.default_rng(0)
     column, row = rng.integers(x.size, size=_PROBES), rng.integers(y.size, size=_PROBES)
     true = place(np.stack([x[column], y[row]], axis=-1))

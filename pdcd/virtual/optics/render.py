@@ -1,8 +1,8 @@
-"""From tables of few numbers to the picture on the sensor: how much each of them counts in a quad.
+"""From tables of few numbers to the picture on the sensor: the weight of each number in a quad.
 
-A picture is linear in what the sights of a frame send. What a sight counts in a quad (its share of
+A picture is linear in the light of a frame's sights. The weight of a sight in a quad (its share of
 the samples, the detail of the scene there, the unevenness of the projector) is the same in every
-picture, so it is computed once, and kept where it is not too much.
+picture, so it is computed once, and kept where that does not take too much memory.
 """
 
 from __future__ import annotations
@@ -25,15 +25,18 @@ _Numbers = NDArray[np.int64]
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 WEIGHT_CACHE_BYTES = 1 << 28
-"""Weights of one way of driving the panels that are kept; more are computed for every picture."""
+"""Memory for the weights of one way of driving the panels; weights beyond it are computed anew for
+every picture."""
 
 
 @dataclass(frozen=True)
 class _Meetings:
     """The pairs that the sights of a frame are made of.
 
-    direct : of mask and projector sites; `of_sight` (K,) which of them each sight is, or `NO_SITE`.
-    indirect : of mask sites and scene cells; `of_corner` (K, corners) as `of_sight`.
+    direct : pairs of mask and projector sites; `of_sight` (K,) is the pair of each sight, or
+        `NO_SITE`.
+    indirect : pairs of mask sites and scene cells; `of_corner` (K, corners) is the pair of each
+        corner of each sight, or `NO_SITE`.
     """
 
     direct: SitePairs
@@ -62,7 +65,7 @@ def _pairs(mask: _Numbers, other: _Numbers, used: NDArray[np.bool_]) -> tuple[Si
 
 @dataclass(frozen=True)
 class Detail:
-    """What the cells' light is multiplied by from place to place; None where there is none.
+    """Factors of the cells' light from place to place; None where there are none.
 
     textures : of the direct and of the indirect light, (H, W, 3) each.
     uneven : (height, width) light of each projector pixel over that of the brightest.
@@ -82,9 +85,9 @@ class Detail:
 class PictureTerms:
     """All that a picture is rendered from.
 
-    direct : (pairs,) of `Meetings.direct`, what the cells' direct reflection is multiplied by.
-    reflected : (N, 3) that reflection; with a texture, over the texture's means.
-    indirect : (pairs, 3) of `Meetings.indirect`; with a texture, over its means.
+    direct : (pairs,) of `_Meetings.direct`, factors of the cells' direct reflection.
+    reflected : (N, 3) that reflection; with a texture, divided by the texture's means.
+    indirect : (pairs, 3) of `_Meetings.indirect`; with a texture, divided by its means.
     ambient : how long each mask site is open (S,), and the ambient light of the cells (N, 3).
     """
 
@@ -96,22 +99,22 @@ class PictureTerms:
 
 @dataclass(frozen=True)
 class _Runs:
-    """Equal samples that follow each other in a quad: the flat index of the first of each run (P,),
-    and at which run each quad begins (quads,)."""
+    """Runs of equal samples within a quad: the flat index of the first sample of each run (P,), and
+    the first run of each quad (quads,)."""
 
     first: _Numbers
     quads: _Numbers
 
     @classmethod
     def of(cls, keys: NDArray[np.integer]) -> _Runs:
-        """Of the samples of quads, (quads, samples)."""
+        """The runs in the samples of quads, (quads, samples)."""
         new = np.ones(keys.shape, dtype=np.bool_)
         new[:, 1:] = keys[:, 1:] != keys[:, :-1]
         counts = new.sum(axis=1)
         return cls(np.flatnonzero(new), np.cumsum(counts) - counts)
 
     def sums(self, left: Floats, right: Floats) -> Floats:
-        """Sums over each run of left times right, (n, a) and (n, b) of the samples: (P, a, b)."""
+        """Sums over each run, (P, a, b), of left (n, a) times right (n, b) of the samples."""
         count, samples = self.first.size, np.arange(len(left), dtype=np.int32)
         ends = np.append(self.first, len(left)).astype(np.int32)
         found = np.empty((count, left.shape[1], right.shape[1]))
@@ -123,7 +126,7 @@ class _Runs:
 
 @dataclass(frozen=True)
 class _Part:
-    """What sights count in the quads of a chunk, through one tap.
+    """The weights of sights in the quads of a chunk, through one tap.
 
     sight : (P,) int32
     direct, indirect : (P, corners, 1 or 3)
@@ -198,7 +201,7 @@ class Renderer:
                     light += _sums(part, part.direct, direct)
                     light += _sums(part, part.indirect, indirect)
                 else:
-                    # Where only the cells' light tells them apart, one gather brings both.
+                    # Where only the cells' light differs, one gather brings both.
                     light += _sums(part, part.indirect, both)
             if chunk.opened is not None and picture.ambient is not None:
                 opened, (open_s, ambient) = chunk.opened, picture.ambient
@@ -245,7 +248,7 @@ class Renderer:
         x: Floats,
         y: Floats,
     ) -> _Part:
-        """What the sights (quads, samples) of a tap count, samples at x, y of the field."""
+        """The weights of a tap's sights (quads, samples); samples lie at x, y of the field."""
         runs = _Runs.of(sight)
         share = tap.share / self._setting.samples**2
         textures, uneven = self._detail.textures, self._detail.uneven
@@ -276,13 +279,13 @@ class Renderer:
         return _Open(runs, mask[runs.first], cell[runs.first], open_share)
 
     def _by_quad(self, samples: NDArray[_Scalar]) -> NDArray[_Scalar]:
-        """Samples of rows of quads, row by row (n,), as those of each quad, (quads, samples)."""
+        """Samples of rows of quads, row by row (n,), sorted by quad, (quads, samples)."""
         cols, per_quad = self._setting.frame[1], self._setting.samples
         rows = samples.reshape(-1, per_quad, cols, per_quad)
         return rows.transpose(0, 2, 1, 3).reshape(-1, per_quad**2)
 
 
 def _sums(part: _Part, weights: Floats, values: Floats) -> Floats:
-    """Light of quads (quads, 3) by weights (P, corners, 1 or 3) of values (K, corners, 3)."""
+    """Light of quads (quads, 3): values (K, corners, 3) times weights (P, corners, 1 or 3)."""
     seen = np.einsum("pkc,pkc->pc", weights, values[part.sight])
     return np.asarray(np.add.reduceat(seen, part.runs.quads, axis=0))

@@ -1,4 +1,4 @@
-"""What light that wandered is wanted at places between the centres of cells."""
+"""The indirect light that is wanted at places between the centres of cells."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pdcd.virtual.scene.scene import Scene
 _PAIRS = 1 << 14
 """Pairs of cells whose light is looked up together; bounds the memory."""
 _ROWS = 64
-"""Rows of the wanted matrix that are shown to the scene together, for the same reason."""
+"""Rows of the wanted matrix that light the scene together, for the same reason."""
 
 
 def compute_sent_light(
@@ -25,12 +25,13 @@ def compute_sent_light(
     light: sparse.csr_array,
     alive: Callable[[], None],
 ) -> Array:
-    """``sum over m of W_nm (T l_m)_k``, (pairs, 3): of pairs of the cell n of the codes that places
-    lie in, whose row of the wanted matrix W counts there, and of one of the scene's, k, whose light
-    they have a part of.
+    """``sum over m of W_nm (T l_m)_k`` for pairs (n, k) of cells, (pairs, 3).
 
-    scene : of the light that wandered. light : (cells of W, cells of the scene), l_m is the share
-    of each of the scene's that m lights. `alive` is called now and then, and may raise to end the
+    n is the cell of the codes that a place lies in, whose row of the wanted matrix W applies there;
+    k is a cell of the scene whose light the place partly gets.
+
+    scene : with its indirect effects only. light : (cells of W, cells of the scene); l_m is the
+    share of each scene cell that m lights. `alive` is called now and then; it may raise to end the
     work.
     """
     cell, part = pairs.mask, pairs.other
@@ -60,7 +61,7 @@ def compute_sent_light(
 
 
 def _of_cells(scene: Scene, seen: np.ndarray, light: sparse.csr_array) -> Array:
-    """What each of some places (P,) gets by its own row of `light` (P, N), (P, 3)."""
+    """The light of cells `seen` (P,), each lit by its own row of `light` (P, N): (P, 3)."""
     found, counts = np.zeros((seen.size, 3)), np.diff(light.indptr)
     which = np.repeat(np.arange(seen.size), counts)
     sent = scene.entries(seen[which], light.indices.astype(np.int64)) * light.data[:, None]

@@ -1,4 +1,4 @@
-"""Where everything on a mock bench is: its devices by what is believed and by what is true."""
+"""Where everything on a mock bench is: its devices as they are believed to be, and as they are."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from pdcd.bench.truth import BenchTruth
 from pdcd.panels.map import Map
 
 _FEW_SAMPLES = (2, 32)
-"""Least and most points along an axis of a quad, where nobody says how many."""
+"""Least and most points along an axis of a quad, where the truth does not set their number."""
 _SLANTED_SAMPLES = 24
-"""The same where both panels draw the borders of cells in two places: slanted ones see what lies
-between these to a 576th of a quad."""
+"""Least points along an axis where the two panels draw the borders of cells in different places:
+slanted samples measure the strip between the borders to a 576th of a quad."""
 _MOST_SLANTED, _FEWEST_SLANTED = 2**23, 12
-"""Samples of a photo up to which there are so many; of larger photos a quad gets fewer, and where
-that is too few an axis, those of an upright raster, of which many are alike: what makes photos of
-codes quick."""
+"""Most slanted samples of a photo, and fewest along an axis of a quad. In larger photos a quad gets
+fewer samples; below the fewest it gets an upright raster, where many samples see the same and
+photos of codes are quick."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class OpticalSetting:
 
     @cached_property
     def drawn(self) -> Panels:
-        """The panels as those believe them to lie who draw on them. Raises ConfigError."""
+        """The panels where they are believed to lie, as they are drawn on. Raises ConfigError."""
         return panels_of(self.believed)
 
     @cached_property
@@ -89,15 +89,15 @@ class OpticalSetting:
 
     @property
     def slanted(self) -> bool:
-        """Whether no two samples of a quad lie in one row or column, so that they see strips that
-        are much narrower than a sample is wide: where there are such, and nobody says how many
-        samples there are."""
+        """Whether no two samples of a quad lie in one row or column, so that they see strips much
+        narrower than a sample. They do so where there may be such strips and the truth does not set
+        the number of samples."""
         said = self.truth.camera.samples
         return self.apart and said is None and self._fitting >= _FEWEST_SLANTED
 
     @property
     def _fitting(self) -> int:
-        """Slanted samples along an axis of a quad that a photo has at most."""
+        """Most slanted samples along an axis of a quad that a photo has room for."""
         return int((_MOST_SLANTED / (self.frame[0] * self.frame[1])) ** 0.5)
 
     def on_projector(self, points: Floats) -> Floats:

@@ -1,7 +1,7 @@
-"""What each sample of the camera looks at: a site of the mask, and behind it a site and a cell.
+"""What each sample of the camera sees: a mask site, and a projector site and a cell behind it.
 
 Samples lie evenly in every quad. Neighbours mostly see the same, so they are kept as runs of equal
-sights. A geometry is looked at once for each way of driving the panels, and serves all photos.
+sights. Sights are found once for each way of driving the panels, and serve all photos.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ _Numbers = NDArray[np.int64]
 _Kind = TypeVar("_Kind", np.int32, np.float64)
 
 _ASIDE = 1e-9
-"""Quads by which samples are moved: those that would lie on the border of two cells then fall to
-one side of it on both panels, whatever is rounded; far less than what any detail shows."""
+"""Quads by which samples are moved. Samples that would lie on the border of two cells then fall to
+the same side of it on both panels, whatever is rounded. No detail of a scene is as fine."""
 CHUNK_SAMPLES = 1 << 16
 """Samples that are looked at together: few enough that their numbers stay in the processor's cache.
 """
 _KEPT_BYTES = 1 << 27
-"""Of numbers of pixels that are kept from photo to photo, as nothing moves between them."""
+"""Memory for the numbers of pixels, which are kept from photo to photo as nothing moves."""
 _SCATTER = PLASTIC**2, PLASTIC
 """Steps that fill a plane evenly: powers, below 1, of the root of x^3 = x + 1."""
 NO_SITE = -1
@@ -43,8 +43,8 @@ NO_SITE = -1
 class CellGrid:
     """The scene's cells at points of the field.
 
-    smooth : whether what lies between the centres of cells is interpolated; else a cell is of one
-        value. Then a *place* is four cells around, else one.
+    smooth : whether values are interpolated between the centres of cells, so that a *place* is the
+        four cells around a point; else a cell has one value all over, and a place is one cell.
     """
 
     grid: tuple[int, int]
@@ -85,8 +85,8 @@ class CellGrid:
         return found
 
     def before(self, seen: Floats, lit: Floats) -> NDArray[np.int32]:
-        """The cell, in the place of a mask's site, of points `lit` (n, 2) whose light is `seen` at
-        others, (n, 2)."""
+        """The cell of the points `lit` (n, 2), whose light is seen at the points `seen` (n, 2). It
+        is used in place of a site of the mask."""
         return np.maximum(self.at(*lit.T), 0)
 
     def shares(self, x: Floats, y: Floats) -> Floats:
@@ -103,7 +103,7 @@ class CellGrid:
 
 
 def _fraction(values: Floats) -> Floats:
-    """What is left of numbers beyond whole ones, 0 of those that are none; in their place."""
+    """The fractional parts of numbers, computed in place; 0 for NaN."""
     with np.errstate(invalid="ignore"):
         values -= np.floor(values)
     values[np.isnan(values)] = 0.0
@@ -124,12 +124,12 @@ class SampleRuns:
 
 @dataclass
 class Sights:
-    """All sights of a frame, (K,) int64 each, and which samples have which.
+    """All sights of a frame, (K,) int64 each, and which samples have which sight.
 
     mask : site of the mask.
     lit : site of the projector, or `NO_SITE`.
-    place : of `CellGrid`, or `NO_SITE`.
-    runs : of each chunk of rows of quads, those of each tap.
+    place : place of `CellGrid`, or `NO_SITE`.
+    runs : for each chunk of rows of quads, the runs of each tap.
     """
 
     mask: _Numbers
@@ -149,7 +149,7 @@ class LightOrigins:
     displacement: Floats
 
     def of(self, points: Floats) -> Floats:
-        """The places that light points of the field (n, 2), NaN for those that none does."""
+        """The places that light points of the field (n, 2); NaN for points that are not lit."""
         rows, cols = self.grid
         cell = CellGrid(self.grid, smooth=False).at(points[:, 0], points[:, 1])
         moved = self.displacement[np.maximum(cell, 0)][:, ::-1] / np.array([cols, rows])
@@ -157,8 +157,8 @@ class LightOrigins:
 
 
 class CameraSamples:
-    """The camera's samples on the field and on both panels, chunk by chunk; with `away`, those on
-    the projector are where the light comes from."""
+    """The camera's samples on the field and on both panels, chunk by chunk. With `away`, their
+    places on the projector are where the light comes from."""
 
     def __init__(self, setting: OpticalSetting, away: LightOrigins | None = None) -> None:
         self._setting, self._away = setting, away
@@ -167,7 +167,7 @@ class CameraSamples:
         x = (np.arange(cols * per_quad) + 0.5) / per_quad + _ASIDE
         y = (np.arange(rows * per_quad) + 0.5) / per_quad + _ASIDE
         to_field, size = setting.camera.to_field, setting.projector_px
-        # In projector pixels: the unit in which a raster may be off.
+        # In projector pixels: the unit of the raster's largest error.
         self._field = MapRaster(lambda points: to_field(points) * size, x, y)
         self._mask = MapRaster(lambda points: setting.on_mask(to_field(points)), x, y)
         self._lit = [MapRaster(partial(_behind, setting, tap.offset), x, y) for tap in setting.taps]
@@ -192,24 +192,24 @@ class CameraSamples:
         return self._flat(self._mask, chunk)
 
     def on_projector(self, chunk: tuple[int, int], tap: int) -> tuple[Floats, Floats]:
-        """The same on the projector, of the point that a tap takes."""
+        """The same on the projector, for the point that a tap samples."""
         if self._away is None:
             return self._flat(self._lit[tap], chunk)
-        # Displacements jump from cell to cell, so that a raster would not do.
+        # Displacements jump from cell to cell, so an interpolated raster would be wrong.
         points = np.stack(self.on_field(chunk), axis=-1) + self._setting.taps[tap].offset
         across, down = self._setting.on_projector(self._away.of(points)).T
         return across, down
 
     def mask_pixels(self, chunk: tuple[int, int]) -> NDArray[np.int32]:
-        """Number of the mask's pixel that each of a chunk's samples lies in, `NO_SITE` beside it:
-        (n,), as all that is kept from photo to photo."""
+        """Number of the mask's pixel that each of a chunk's samples lies in, (n,); `NO_SITE` beside
+        the mask. The numbers are kept from photo to photo: do not change them."""
         width, height = self._setting.true.mask.size_px
         return self._keep(
             (chunk, None), lambda: _number_pixels((height, width), *self.on_mask(chunk))
         )
 
     def lit_pixels(self, chunk: tuple[int, int], tap: int) -> NDArray[np.int32]:
-        """The same of the projector's pixels that a tap takes."""
+        """The same for the projector's pixels that a tap samples."""
         width, height = self._setting.true.projector.size_px
         return self._keep(
             (chunk, tap), lambda: _number_pixels((height, width), *self.on_projector(chunk, tap))
@@ -218,7 +218,7 @@ class CameraSamples:
     def _keep(
         self, key: tuple[tuple[int, int], int | None], find: Callable[[], NDArray[np.int32]]
     ) -> NDArray[np.int32]:
-        """What was found before under a key; found, and kept while there is room for more."""
+        """What is kept under a key; else it is found now, and kept while there is room."""
         kept = self._kept.get(key)
         if kept is None:
             kept = find()
@@ -234,11 +234,11 @@ class CameraSamples:
 
 
 class ScatteredSamples(CameraSamples):
-    """The same samples, each by up to half of a step beside its place, as evenly as can be.
+    """The same samples, each moved by up to half a step, spread as evenly as possible.
 
-    On a raster they may fall into step with the panels' pixels: of a camera that looks straight on
-    they then see every fourth pixel twice, say, in all of the picture. Stripes of single pixels
-    look bent by that, where a real camera, whose quads are areas, sees them as they are.
+    Samples on a raster may fall into step with the panels' pixels: if the camera looks straight on,
+    they see, say, every fourth pixel twice, all over the picture. Stripes of single pixels then
+    look bent, although a real camera, whose quads are areas, sees them straight.
     """
 
     def __init__(self, setting: OpticalSetting, away: LightOrigins | None = None) -> None:
@@ -255,7 +255,7 @@ class ScatteredSamples(CameraSamples):
         return across.ravel(), down.ravel()
 
     def _aside(self, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
-        """By how much a chunk's samples lie to the right and below, in steps, -1/2 to 1/2."""
+        """How far a chunk's samples are moved to the right and down, in steps, -1/2 to 1/2."""
         per_quad, cols = self._setting.samples, self._setting.frame[1]
         row = np.arange(chunk[0] * per_quad, chunk[1] * per_quad, dtype=np.float64)[:, None]
         column = np.arange(cols * per_quad, dtype=np.float64)
@@ -265,13 +265,13 @@ class ScatteredSamples(CameraSamples):
 
 
 class SlantedSamples(ScatteredSamples):
-    """The same samples, each row of a quad moved to the right by a part of a step, and each column
-    down: along either axis no two of them see the same place, together they see it evenly, and a
-    narrow strip is seen all along."""
+    """The same samples, each row of a quad moved to the right by part of a step, and each column
+    down. Along either axis no two samples of a quad lie at the same place and all together lie
+    evenly, so that a narrow strip is seen along its whole length."""
 
     def _aside(self, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
         per_quad, cols = self._setting.samples, self._setting.frame[1]
-        # Neighbouring rows are moved by as different parts as can be.
+        # Neighbouring rows are moved by parts that differ as much as possible.
         turn = next(n for n in range(round(GOLDEN * per_quad), 0, -1) if gcd(n, per_quad) == 1)
         steps = (np.arange(per_quad) * turn % per_quad + 0.5) / per_quad - 0.5
         shape = (chunk[1] - chunk[0]) * per_quad, cols * per_quad
@@ -280,7 +280,7 @@ class SlantedSamples(ScatteredSamples):
 
 
 def _behind(setting: OpticalSetting, offset: tuple[float, float], points: Floats) -> Floats:
-    """Where the camera's points (..., 2) lie on the projector, seen so far off on the field."""
+    """Where the camera's points (..., 2), moved by `offset` on the field, lie on the projector."""
     return setting.on_projector(setting.camera.to_field(points) + offset)
 
 
@@ -291,8 +291,8 @@ def find_sights(
     lit: PanelSites,
     mask: PanelSites | CellGrid | None,
 ) -> Sights:
-    """All sights of a frame, through the mask or, for None, without one. With a grid in its place
-    the site of what is seen is the cell it lies in, as of a mask of whole cells that is perfect."""
+    """All sights of a frame, through the mask; without a mask for None. With a grid in its place,
+    the mask's site is the cell that a sample lies in, as for a perfect mask of whole cells."""
     keys: list[list[tuple[NDArray[np.int32], _Numbers, NDArray[np.intp]]]] = []
     places, sites = cells.places + 1, len(lit) + 1
     for chunk in looks.chunks():
@@ -328,7 +328,7 @@ def find_sights(
 
 
 def find_changes(first: NDArray[np.int32], *others: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Where any of some numbers (n,) is another than before it; 0 is the first such place."""
+    """Where any of the arrays (n,) differs from its entry before; index 0 always counts."""
     new = np.ones(first.size, dtype=np.bool_)
     np.not_equal(first[1:], first[:-1], out=new[1:])
     for other in others:

@@ -1,9 +1,9 @@
 """Pixels of a panel that share one history: they show the same part of a code at the same time.
 
-A pixel shows what its centre under the believed map falls in: a projector the half of a code cell
-(under sub-shifts) or the whole one, a mask the strip of a window. Those are some thousand *sites*,
-whatever the panel's size; rows that are set later than others have sites of their own. Site 0 is
-black whatever is asked: pixels beside the field, dead lines, and all that is no pixel at all.
+A pixel shows the part of a code that its centre falls in under the believed map: on a projector a
+code cell, or half of one (under sub-shifts), on a mask the strip of a window. Those are some
+thousand *sites*, whatever the panel's size; rows that are set later than others have sites of their
+own. Site 0 is always black: pixels beside the field, dead lines, and whatever is not a pixel.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _TILE = 8
 
 @dataclass(frozen=True)
 class SiteKind:
-    """What the sites of a panel depend on, besides the panel: so few things that they are kept.
+    """What the sites of a panel depend on besides the panel; few enough kinds to keep the sites.
 
     patterned : whether the panel shows patterns at all, and not only black and white.
 
@@ -57,14 +57,14 @@ class PanelSites:
 
     image : (height, width) int32, the site of each pixel.
     band : (S,) int32, the band of rows that each site lies in; ascending.
-    delay_ns : (bands,) by how much later than the first row's each band's light comes.
+    delay_ns : (bands,) how much later each band's light comes than the first row's.
     tile : (S,) int64, equal for sites that lie near each other.
     """
 
     def __init__(
         self, panel: PanelView, kind: SiteKind, true: TruePanel, timed: PanelConfig
     ) -> None:
-        """What is true of it, in the truth's words and, for its times, in the configuration's."""
+        """`true` is the truth about the panel; `timed` is the true configuration, for its times."""
         self._kind, self._mask = kind, panel.mask
         self._size_px = panel.size_px
         base = self._bases(panel)
@@ -105,7 +105,7 @@ class PanelSites:
         return slice(int(first), int(end))
 
     def levels(self, frames: Frames, row: int, curve: Curve, part: slice) -> Floats:
-        """Light that a row of the frames asks of some sites, 0..1, float64."""
+        """Light that a row of the frames asks for from some sites, 0..1, float64."""
         asked = frames.dual_index if self._mask else frames.primal_index
         index = BLACK if row < 0 else int(asked[row])
         if index in (BLACK, WHITE):
@@ -117,8 +117,8 @@ class PanelSites:
 
     @property
     def pixels(self) -> NDArray[np.int64]:
-        """Which pixel each site is, (S,), counted row by row; -1 is black whatever is asked. For
-        patterns of pixels; where there are none, all pixels are the first."""
+        """The pixel of each site, (S,), counted row by row; -1 is always black. It is for patterns
+        of pixels; where the panel shows none, all pixels count as the first."""
         return self._base - 1
 
     @property
@@ -168,8 +168,8 @@ class PanelSites:
 
     @cached_property
     def _cell(self) -> NDArray[np.int64]:
-        """Cell of the pattern that each site shows under each sub-shift, (4, S); the number behind
-        the last cell where it is shut."""
+        """Cell of the pattern that each site shows under each sub-shift, (4, S); the number after
+        the last cell where the site is shut."""
         rows, cols = self._kind.grid
         opening = find_window_kind(self._kind.window)
         more = int(opening.shifted)

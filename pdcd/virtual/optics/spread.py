@@ -1,7 +1,7 @@
 """What share of each scene cell each site of the projector lights.
 
-Points lie evenly in every cell of the scene. Which pixel of the projector lights them follows from
-where it lies alone, so it is found once, and summed over the sites for each way of driving it.
+Points lie evenly in every cell of the scene. Which pixel of the projector lights a point depends
+only on where the projector is, so it is found once, and summed by site for each way of driving it.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from pdcd.virtual.optics.sights import NO_SITE, find_changes, sample_pixels
 from pdcd.virtual.optics.sites import PanelSites
 
 _POINTS_PER_PX = 2
-"""Points along a projector pixel, at least, at which the light on a scene cell is looked at."""
+"""Least number of points along a projector pixel at which the light on a scene cell is sampled."""
 _ELONGATED = 6
-"""Times that a cell is longer than wide, from which its sides have points of their own."""
+"""A cell that is longer than wide by this factor has fewer points along its short side."""
 _FEWEST_POINTS = 64
-"""Along such a short side: a pixel may lie in two cells."""
+"""Fewest points along that short side, as a pixel may lie in two cells."""
 _CHUNK_POINTS = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
 class LitCellPoints:
-    """Points of the scene's cells, in runs (R,) of those that a pixel lights in a cell.
+    """Points of the scene's cells, as runs (R,) of points in one cell that one pixel lights.
 
     pixel : int32, of the projector, counted row by row. cell : int32. share : of the cell, float64.
-    cells : how many cells there are.
+    cells : number of cells.
     """
 
     pixel: NDArray[np.int32]
@@ -42,7 +42,7 @@ class LitCellPoints:
 
     @classmethod
     def of(cls, setting: OpticalSetting, grid: tuple[int, int]) -> LitCellPoints:
-        """Of a grid (rows, cols) on a bench."""
+        """The points of a grid (rows, cols) on a bench."""
         (rows, cols), (width, height) = grid, setting.true.projector.size_px
         across, down = _count_points((width, height), grid)
         x, y = (
@@ -68,7 +68,7 @@ class LitCellPoints:
 
     def by_site(self, sites: PanelSites, uneven: Floats | None) -> scipy.sparse.csr_array:
         """The share of each cell that each site lights, (sites, cells); `uneven` (height, width) is
-        the light of each pixel over that of the brightest, None where they are alike."""
+        the light of each pixel relative to the brightest, None where all are alike."""
         site = sites.image.take(self.pixel)
         share = self.share if uneven is None else self.share * uneven.take(self.pixel)
         # Neighbours mostly light the same, so they are summed before they are sorted.
@@ -79,8 +79,8 @@ class LitCellPoints:
 
 
 def _count_points(size_px: tuple[int, int], grid: tuple[int, int]) -> tuple[int, int]:
-    """Points of a cell across and down: as many either way, as nobody knows how a projector is
-    turned; but not along the short side of cells that are much longer than wide."""
+    """Points of a cell across and down. Both numbers are the same, as the projector may be turned,
+    except along the short side of cells that are much longer than wide."""
     (width, height), (rows, cols) = size_px, grid
     both = _POINTS_PER_PX * max(-(-width // cols), -(-height // rows))
     each = (max(_POINTS_PER_PX * -(-max(size_px) // n), _FEWEST_POINTS) for n in (cols, rows))

@@ -68,15 +68,15 @@ def _matrix_scene(config: SceneConfig) -> Scene:
 
 
 CARD = "card"
-"""What `[scene] kind` calls it."""
+"""Its name in `[scene] kind`."""
 ALBEDO = 0.9
-"""Of white paper."""
+"""Reflectance of white paper."""
 
 
 def make_card(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """A card that fills the field. Options: `albedo`, its reflectance, 0 to 1.
 
-    Raises ConfigError for other options, or an albedo that is none.
+    Raises ConfigError for other options, or an albedo that is not a number from 0 to 1.
     """
     unknown = sorted(set(options) - {"albedo"})
     albedo = options.get("albedo", ALBEDO)

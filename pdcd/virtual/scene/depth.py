@@ -43,7 +43,7 @@ _PATCHES = 4
 
 @dataclass(frozen=True)
 class OffAxisRig:
-    """A rectified rig before surfaces: `grid` (rows, cols) cells of both devices."""
+    """A rectified rig in front of surfaces: `grid` (rows, cols) cells of both devices."""
 
     grid: tuple[int, int]
     baseline: float
@@ -54,7 +54,7 @@ class OffAxisRig:
         return self.baseline * (PLANE / z - 1.0) * self.grid[1] / FIELD_WIDTH
 
     def distance(self, disparity_cells: float) -> float:
-        """The distance at which there is that disparity."""
+        """The distance that has this disparity."""
         return PLANE / (1.0 + disparity_cells * FIELD_WIDTH / (self.baseline * self.grid[1]))
 
     @cached_property
@@ -76,7 +76,7 @@ class OffAxisRig:
 
     @cached_property
     def lit(self) -> tuple[NDArray[np.int64], Array]:
-        """What each projector cell lights, in the same way."""
+        """What each projector cell lights: its surface and the point, as `seen`."""
         return find_first_hit(self.surfaces, np.zeros(3), self.field)
 
     @cached_property
@@ -128,7 +128,7 @@ def build_off_axis_scene(name: str, rig: OffAxisRig, paint: Paint | None = None)
 def make_surface_effects(
     rig: OffAxisRig, painted: Array | float = 1.0
 ) -> tuple[LowRankEffect, ...]:
-    """Return what surfaces throw at each other, one effect a colour, of the rank of all patches.
+    """Return the light between surfaces, one effect a colour; its rank is the number of patches.
 
     painted : what paint lets through of the light of each camera cell, (N, 1) or 1.
     """
@@ -150,9 +150,9 @@ def make_surface_effects(
 
 @dataclass(frozen=True, eq=False)
 class Paint:
-    """A pattern on surfaces: what it leaves of the light of cells (N, 1), and the detail of direct
-    and of indirect light (`pdcd.virtual.scene.texture`). Light between surfaces does not know of
-    it."""
+    """A pattern on surfaces: the share of the light of cells that it leaves (N, 1), and the detail
+    of direct and of indirect light (`pdcd.virtual.scene.texture`). Light between surfaces ignores
+    the pattern."""
 
     cells: Array
     direct: Drawing

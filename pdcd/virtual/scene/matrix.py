@@ -37,12 +37,12 @@ _SPARSE_BELOW = 0.12
 """Share of non-zero entries below which single paths are cheaper to probe (measured, N = 768)."""
 
 MOST_SCENE_ELEMENTS = 2**28
-"""Numbers in the transport of a scene that a configuration names: 16384 cells, 2 GiB here."""
+"""Most numbers in the transport of a scene that a configuration names: 16384 cells, 2 GiB."""
 MOST_TEXTURE_ELEMENTS = 2**26
-"""Numbers in its texture: 22 million pixels, 512 MiB here."""
+"""Most numbers in its texture: 22 million pixels, 512 MiB."""
 
 _MOST_LIGHT = float(np.finfo(np.float32).max)
-"""Light that an entry sends at most: pictures are kept in single precision."""
+"""Most light that an entry may send, as pictures are kept in single precision."""
 
 _Grid = tuple[int, int]
 
@@ -99,9 +99,9 @@ def over_camera_cells(transport: Array, grid: _Grid, projector_grid: _Grid) -> A
     """Return a transport (N, M) or (N, M, 3) as one over the camera's cells, (N, N) or (N, N, 3).
 
     A projector cell gets the mean of the light that falls on it, so light of a camera cell counts
-    there by the share that it covers. Light that a projector cell sends to a camera cell which it
-    overlaps is direct: it is taken to come back where it fell, so that it stands on the diagonal.
-    Under even light nothing changes: rows have the same sums.
+    there by the share of it that the camera cell covers. Light that a projector cell sends to a
+    camera cell it overlaps is direct: it is taken to come back where it fell, on the diagonal. The
+    sums of rows are kept, so even light gives the same picture.
     """
     down, across = (compute_pixel_shares(projector_grid[axis], grid[axis]) for axis in (0, 1))
     covered = scipy.sparse.csr_array(scipy.sparse.kron(down, across))
@@ -180,7 +180,7 @@ def _read(data: bytes, limits: ArrayLimits) -> _Stored:
 
 
 def _check_shape(transport: Array, grid: _Grid, projector_grid: _Grid, limits: ArrayLimits) -> None:
-    """Raise Unsound for a transport of other cells, or of too many."""
+    """Raise Unsound for a transport that does not fit the grids, or has too many cells."""
     cells, lights = grid[0] * grid[1], projector_grid[0] * projector_grid[1]
     if transport.shape not in ((cells, lights), (cells, lights, 3)):
         raise UnsoundFileError(

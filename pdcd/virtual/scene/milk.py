@@ -37,7 +37,7 @@ def make_milk_effects(
     grid : (rows, cols)
     pitch : (row, column) distance between cells
     depth : (N,) float64
-        Optical depth of the medium before each cell; 0 where there is none.
+        Optical depth of the medium in front of each cell; 0 where there is none.
     albedo : (N, 3) float64
         Reflectance of the surface, slope included.
     sigma : standard deviation of the blur, in the unit of `pitch`

@@ -1,4 +1,4 @@
-"""Light that matte surfaces throw at each other: radiosity between coarse patches of a relief.
+"""Light between matte surfaces: radiosity between coarse patches of a relief.
 
 The surface is a height above the cell plane, seen and lit from above by parallel light. Cells are
 gathered into patches, patches exchange light in closed form (every number of bounces at once),
@@ -8,7 +8,7 @@ and what arrives is laid out over the cells again::
 
 with `a` the area of a cell, rho the albedo of the cells, W (N, p) the weights of the patches in
 the cells, A and R the areas and albedos of the patches, and K the symmetric kernel of the form
-factors, ``F_ij = K_ij A_j``. X is symmetric, so T is: light paths can be reversed. The first
+factors, ``F_ij = K_ij A_j``. X is symmetric, and so is T: light paths can be reversed. The first
 bounce (cell to camera at once) is not part of it.
 """
 
@@ -33,7 +33,7 @@ _STEEPEST = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Radiosity(TintedEffect):
-    """Inter-reflection between patches, two bounces and more.
+    """Inter-reflection between patches, from the second bounce on.
 
     grid : (rows, cols)
     albedo : (N,) float64
@@ -238,7 +238,7 @@ def find_clear_pairs(relief: Relief, start: Array, end: Array, steps: int = 8) -
     between cells, at `steps` places.
     """
     pitch = np.asarray(relief.pitch)
-    # A line that just grazes the surface is let through: it is seldom hidden as a whole.
+    # A line that just grazes the surface counts as clear: it is seldom wholly hidden.
     slack = 0.1 * float(pitch.max())
     clear = np.ones(len(start), dtype=np.bool_)
     for part in (np.arange(steps) + 0.5) / steps:

@@ -14,7 +14,7 @@ from pdcd.virtual.scene.texture import Drawing
 
 
 class _OnFirstUse:
-    """An attribute of a scene: a texture that is given, or drawn when it is first looked at."""
+    """An attribute of a scene: a texture that is given, or drawn at its first use."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._given, self._drawn = f"_{name}", f"_{name}_drawn"
@@ -43,7 +43,7 @@ class Scene:
     grid : (rows, cols)
         Cells, one of the projector and one of the camera each; N = rows * cols, row-major.
     effects : tuple of Effect
-        What the scene has; an effect that is absent costs nothing.
+        The parts of its transport; an effect that is absent costs nothing.
     ambient : (N, 3) float64 or None
         Light at the camera that is not the projector's, in scene units; None: there is none.
     texture : (H, W, 3) float64, positive, or None
@@ -64,11 +64,11 @@ class Scene:
     indirect_texture: _OnFirstUse = _OnFirstUse()
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process gets: a texture that can be drawn is drawn anew there."""
+        """The state for another process, which draws textures anew where they can be drawn."""
         return {name: value for name, value in vars(self).items() if not name.endswith("_drawn")}
 
     def under(self, ambient: Array) -> Scene:
-        """Return the scene with that ambient light, (N, 3); no texture is drawn for it."""
+        """Return the scene with this ambient light, (N, 3), without drawing any texture."""
         lit = copy.copy(self)
         object.__setattr__(lit, "ambient", ambient)
         return lit

@@ -1,7 +1,7 @@
-"""Flat surfaces in space, and what a straight line meets of them: all in closed form.
+"""Flat surfaces in space, and where straight lines meet them, in closed form.
 
 Points are (x, y, z): right, down, away from the rig. A surface is a rectangle with two sides; a box
-is its five faces that a rig in front of it can see.
+is the five faces that a rig in front of it can see.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pdcd.virtual.scene.effects import Array
 _Colour = tuple[float, float, float]
 
 _NEAR = 1e-9
-"""Share of the way to a point before which a surface does not count: it is the point's own."""
+"""A surface met within this share of the way from a point does not count: it is the point's own."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Rectangle:
 
     @cached_property
     def normal(self) -> Array:
-        """A unit normal, (3,); which of the two it is says nothing."""
+        """A unit normal, (3,), to either side."""
         cross = np.cross(self.across, self.down)
         unit: Array = cross / np.linalg.norm(cross)
         return unit
@@ -49,7 +49,8 @@ class Rectangle:
         return u, v
 
     def met(self, start: Array, way: Array) -> Array:
-        """How far along `way` lines from `start` (..., 3) meet it, in ways; infinite where never.
+        """How far along `way` lines from `start` (..., 3) meet it, in multiples of `way`; infinite
+        where they never do.
 
         A line that runs within the plane of the rectangle does not meet it.
         """

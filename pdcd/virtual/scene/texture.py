@@ -2,8 +2,7 @@
 
 A texture is an image (H, W, C) that is spread evenly over the field, of any size and of any
 positive numbers: pixel (k, l) covers l / W to (l + 1) / W across and k / H to (k + 1) / H down, and
-is of one value all over, as everything on the field is. What the scene sends from a point y, of
-which cells know only means, is then
+has one value all over. Cells hold only means; the light that the scene sends from a point y is
 
     texture(y) * between(cells / means)(y)
 

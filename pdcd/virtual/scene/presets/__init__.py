@@ -14,13 +14,13 @@ Builder = Callable[[tuple[int, int], Mapping[str, Any]], Scene]
 
 _KEPT: OrderedDict[str, Scene] = OrderedDict()
 _MOST_KEPT = 4
-"""Scenes that are kept: sweeps and calibrations open a bench anew, and most look at one scene. One
-of 48 x 64 cells takes tens of megabytes."""
+"""Scenes that are kept, as sweeps and calibrations reopen their bench and mostly use one scene. A
+scene of 48 x 64 cells takes tens of megabytes."""
 
 
 def _later(module: str, function: str) -> Builder:
-    """A builder whose module is imported when called: a rig has one scene, and starts soon. Of the
-    last few, which are frozen, it gives the same again."""
+    """A builder that imports its module only when called: a rig needs one scene, and starts sooner.
+    The last few scenes, which are frozen, are kept and returned again."""
 
     def build(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
         key = repr((function, tuple(grid), sorted(options.items())))
@@ -53,8 +53,8 @@ OFF_AXIS_PRESETS: dict[str, Builder] = {
     "off-axis-wedge": _later("off_axis", "wedge"),
     "off-axis-shelf": _later("off_axis", "shelf"),
 }
-"""The same, of scenes with depth before a camera that is off the projector's axis: their direct
-light does not come back where it fell."""
+"""The same for scenes with depth, in front of a camera that is off the projector's axis: their
+direct light does not come back where it fell."""
 
 
 STAGED: dict[str, Builder] = {
@@ -63,8 +63,8 @@ STAGED: dict[str, Builder] = {
     "chart-in-milk": _later("chart", "chart_in_milk"),
     "glass-and-balls": _later("styrofoam", "styrofoam"),
 }
-"""The same, of scenes that were set up to be looked at, after the figures of the paper. What is
-measured on every one of `PRESETS` is not measured on them."""
+"""The same for scenes made to be looked at, after the figures of the paper. What is measured on all
+`PRESETS` is not measured on these."""
 
 
 def find_builder(kind: str) -> Builder | None:

@@ -43,18 +43,18 @@ _ROOM = (
 _WAX, _WAX_HALF, _RIM = (0.0, 0.60), (0.78, 0.27), 0.07
 """Middle of the wax disk, which lies on the table, its half axes, and its thickness."""
 _WAX_SIZE = 0.7
-"""How far light gets in it, of what it does in the large disk."""
+"""How far light gets in the wax, relative to the large disk."""
 _INK, _PAPER = (0.08, 0.07, 0.07), (0.76, 0.73, 0.67)
 _SIZE, _PITCH = 0.041, 0.12
 _LEFT = ("Some light comes", "straight back", "to the eye. Some", "sees the other",
         "page first, and", "comes back as a")  # fmt: skip
 _RIGHT = ("soft glow. A ball", "throws it far, and", "keeps it sharp.", "Wax holds it for",
          "a while, and so", "is never sharp.")  # fmt: skip
-"""What stands on either page."""
+"""The text of either page."""
 
 
 def ball_wax_book(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
-    """Build the three; `seed` sets how the ball's facets were glued."""
+    """Build ball, wax and book; `seed` sets how the ball's facets were glued."""
     seed = read_seed("ball-wax-book", options)
     canvas = Canvas(grid)
     matte = canvas.cells(_matte(canvas))
@@ -106,7 +106,7 @@ def draw_pages(raster: FrameRaster) -> Shape:
 
 
 def _matte(raster: FrameRaster) -> Array:
-    """Draw the colours of all but the ball."""
+    """Draw the colours of everything but the ball."""
     x, y = raster.x, raster.y
     image = raster.fill((0.26, 0.30, 0.34))
     table = _TABLE_RISE * (y - _TABLE_EDGE) > _SLOPE * np.abs(x)
@@ -134,7 +134,7 @@ def _text() -> Coverage:
 
 
 def _lit(raster: FrameRaster) -> Array:
-    """Draw what all but the ball returns of light that falls on it."""
+    """Draw the share of light that everything but the ball returns."""
     image = _matte(raster)
     table = _TABLE_RISE * (raster.y - _TABLE_EDGE) > _SLOPE * np.abs(raster.x)
     on = draw_wax(raster)

@@ -32,7 +32,7 @@ CURVE = 0.2
 """How much taller a page looks at a distance of 1 from the spine: its edge is nearer."""
 TITLE = "On light that stays"
 TITLE_SIZE, SIZE = 0.048, 0.041
-"""Heights of an x."""
+"""Heights of a small x in the title and in the text."""
 RIGHT, _LEFT, _PITCH = (0.13, 1.06), (-1.00, -0.13), 0.0925
 """Where lines begin and end on either page, and how far they lie apart."""
 SENTENCES = (
@@ -49,7 +49,7 @@ SENTENCES = (
     "Many patterns make one quiet picture.",
     "Take the first light away and read again.",
 )
-"""Whose order `seed` sets."""
+"""The sentences of the text; `seed` sets their order."""
 
 
 def open_book(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:

@@ -21,7 +21,7 @@ from pdcd.virtual.scene.presets.detail import (
 from pdcd.virtual.scene.scene import Scene
 
 _OPTICAL_DEPTH = 0.75
-"""Of the milk along the bottle's axis."""
+"""Optical depth of the milk along the bottle's axis."""
 _PROFILE_Y = (-0.94, -0.80, -0.79, -0.52, -0.22, -0.10, 0.80, 0.86)
 _PROFILE_HALF = (0.15, 0.15, 0.12, 0.13, 0.40, 0.46, 0.46, 0.40)
 """Half width of the bottle at heights from its cap to its foot."""
@@ -29,11 +29,11 @@ _MILK_TOP = -0.50
 _TABLE = 0.78
 """Where the wall ends."""
 _PRINT = (("MILKY WATER", -0.34, 0.100, 0.026), ("shake well, then read", -0.33, 0.640, 0.026))
-"""What stands on the bands of the label, where, and how high an x is."""
+"""Text on the bands of the label, its place, and the height of a small x."""
 
 
 def milky_bottle(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
-    """Build a bottle before a tiled wall; `seed` sets the shades of the tiles."""
+    """Build a bottle in front of a tiled wall; `seed` sets the shades of the tiles."""
     seed = read_seed("milky-bottle", options)
     canvas = Canvas(grid)
     effects = make_milk_effects(
@@ -64,7 +64,7 @@ def _cap(raster: FrameRaster) -> Shape:
 
 
 def _behind(raster: FrameRaster, seed: int) -> Array:
-    """Draw all that there is without the milk."""
+    """Draw everything as it is without the milk."""
     image = _wall(raster, np.random.default_rng(seed))
     inside, half = _bottle(raster)
     image[inside] = 0.30
@@ -76,7 +76,7 @@ def _behind(raster: FrameRaster, seed: int) -> Array:
 
 
 def _depth(raster: FrameRaster) -> Array:
-    """Return the optical depth of the milk before each point."""
+    """Return the optical depth of the milk in front of each point."""
     inside, half = _bottle(raster)
     filled = inside & (raster.y > _MILK_TOP)
     # A round bottle: the way through the milk is longest on the axis.

@@ -1,8 +1,8 @@
 """A resolution chart on the back of a tank of milky water: a floodlit photo shows hardly any of it.
 
 Milk sends light back in two ways. Most wanders all through the tank and comes back as a veil. Some
-turns round soon and comes back close to where it went in: this has no edges finer than a few cells,
-so what it adds to a cell it adds to the next one, too, and their difference is free of it.
+turns round soon and comes back close to where it went in. That light has no edges finer than a few
+cells, so it adds the same to a cell and to the next one, and their difference is free of it.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def chart_in_milk(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
 @lru_cache(maxsize=1)
 def list_chart_bars() -> list[tuple[Shape, Shape]]:
     """Return the upright bars of each block and the gaps between them, in pixels of a texture:
-    where the contrast of the chart is measured. The widest come first. They are kept: copy what is
-    to be changed."""
+    where the contrast of the chart is measured. The widest come first. The lists are kept: copy
+    them before you change them."""
     raster = make_texture_raster()
     found = []
     for left, top, wide in BLOCKS:
@@ -77,7 +77,7 @@ def list_chart_bars() -> list[tuple[Shape, Shape]]:
         gap = np.zeros(raster.shape, dtype=np.bool_)
         for number in range(5):
             start = left + number * wide
-            # The middle of a bar: its edges are of both.
+            # The middle of a bar: pixels at its edges are part bar, part gap.
             bar = raster.box(start + 0.25 * wide, top + wide, start + 0.75 * wide, top + 4.0 * wide)
             if number % 2:
                 gap |= bar
@@ -88,7 +88,7 @@ def list_chart_bars() -> list[tuple[Shape, Shape]]:
 
 
 def _scattered(depth: Array) -> Array:
-    """Share of the light that does not keep its way through milk, there and back."""
+    """Share of the light that is scattered on its way through the milk, there and back."""
     share: Array = 1.0 - np.exp(-2.0 * depth)
     return share
 
@@ -102,7 +102,7 @@ def _depth(raster: FrameRaster) -> Array:
 
 
 def _behind(raster: FrameRaster, seed: int) -> Array:
-    """Draw all that there is without the milk: a tank with the chart on its back."""
+    """Draw everything as it is without the milk: a tank with the chart on its back."""
     image = raster.fill((0.22, 0.26, 0.33))
     table = raster.y > 0.62
     shades = np.random.default_rng(seed).uniform(0.8, 1.1, 12)

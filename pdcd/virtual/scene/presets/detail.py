@@ -21,7 +21,8 @@ DARKEST_TEXTURE = 0.004
 """Least value of a texture, which is divided by its means over cells."""
 
 _AROUND, _STRENGTH = 17, 1.3
-"""Pixels over which the ground makes up for bright letters, about a cell; their contrast."""
+"""Pixels, about a cell, over which the ground is darkened to balance bright letters; and their
+contrast."""
 
 TextLine = tuple[str, float, float, float]
 """A text, the x of its left end, the y of its base line, and the height of its small letters."""
@@ -45,7 +46,7 @@ def draw_text(lines: Iterable[TextLine]) -> letters.Coverage:
 
 
 def stretch_columns(page: letters.Coverage, stretch: Array) -> letters.Coverage:
-    """Return a page whose columns are stretched from the middle up and down, by `stretch` each."""
+    """Return a page whose columns are each stretched up and down from the middle, by `stretch`."""
     rows, cols = page.shape
     middle = (rows - 1) / 2.0
     source = np.clip((np.arange(rows)[:, None] - middle) / stretch + middle, 0.0, rows - 1.001)
@@ -65,7 +66,7 @@ def print_ink(image: Array, ink: NDArray[np.float32], colour: Sequence[float]) -
 
 
 def make_letter_factors(page: letters.Coverage) -> Array:
-    """Return factors, `DETAIL`, that show a page without a change in the means of cells: letters
+    """Return factors, `DETAIL`, that show a page but leave the means of cells unchanged: letters
     are brighter than their ground, and the ground around them is darker."""
     near = scipy.ndimage.uniform_filter(page.astype(np.float64), _AROUND)
     factors: Array = 1.0 + _STRENGTH * (page - near)

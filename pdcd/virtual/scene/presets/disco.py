@@ -29,13 +29,13 @@ from pdcd.virtual.scene.radiosity import Relief, make_radiosity_effects
 from pdcd.virtual.scene.scene import Scene
 
 _CENTRE = (0.0, -0.14, 0.10)
-"""Of the ball (x, y, height)."""
+"""Centre of the ball (x, y, height)."""
 _RADIUS = 0.50
 _RINGS = 11
 """Rings of facets from pole to pole."""
 _FLOOR_EDGE, _SIDE_EDGE = 0.48, 0.98
 _FLOOR_RISE, _SIDE_RISE = 1.5, 1.8
-"""Where the wall turns into the floor and into the side walls."""
+"""How steeply the floor and the side walls rise from the wall."""
 _WALL = -0.5
 """Height of the wall behind the ball."""
 _ROOM = (
@@ -43,11 +43,11 @@ _ROOM = (
     (_WALL - _SIDE_RISE * _SIDE_EDGE, _SIDE_RISE, 0.0), (_WALL - _SIDE_RISE * _SIDE_EDGE,
     -_SIDE_RISE, 0.0),
 )  # fmt: skip
-"""The same as planes: wall, floor, sides."""
+"""The room as planes: wall, floor, sides."""
 _BETWEEN = 0.2
-"""Light on the walls that comes from other walls, about: what spots stand out from."""
+"""Rough share of light on the walls that comes from other walls: the ground behind the spots."""
 _BUDGET = 0.35
-"""Most that all spots on one cell may return together, so that no cell returns more than it got."""
+"""Most light that all spots on one cell may return together: no cell returns more than it got."""
 _STRIDE, _STEPS = 0.01, 250
 """How finely, and how far, the light of a facet is followed."""
 
@@ -96,7 +96,7 @@ def _texture(seed: int) -> Array:
 @lru_cache(maxsize=1)
 def _reflections(seed: int) -> Array:
     """Draw in detail where indirect light comes from: walls that light each other, the spots on
-    them, and facets that show them."""
+    the walls, and the facets that mirror them."""
     raster = make_texture_raster()
     mirrors = MirrorBall(_CENTRE, _RADIUS, _RINGS, seed)
     image = _in_detail(raster)

@@ -1,4 +1,4 @@
-"""Letters of an own stroke font, and lines of text as images.
+"""Letters of our own stroke font, and lines of text as images.
 
 A letter is a few strokes of a broad pen, which makes upright parts thick and level parts thin.
 Strokes are polylines; bows are parts of ellipses. The unit is the height of a small x: 0 is the
@@ -23,11 +23,11 @@ Coverage = NDArray[np.float32]
 _PEN = (0.165, 0.10)
 """Half width of upright and of level strokes."""
 TOP, _BOTTOM = 1.75, -0.65
-"""Of the tallest and the deepest letter, pen included."""
+"""Top of the tallest and bottom of the deepest letter, pen included."""
 _SPACE = 0.5
 """Width of a space."""
 _GAP = 0.22
-"""Between two letters, beside their pens."""
+"""Gap between two letters, on top of their pens' widths."""
 
 
 def _bow(x: float, y: float, across: float, up: float, start: float, stop: float) -> list[_Point]:
@@ -39,7 +39,7 @@ def _bow(x: float, y: float, across: float, up: float, start: float, stop: float
 
 
 def _ring(x: float, width: float) -> list[_Point]:
-    """A small round letter of that width, its left end at x."""
+    """A small round letter of this width, its left end at x."""
     return _bow(x + width / 2, 0.5, width / 2, 0.5, 0, 360)
 
 
@@ -114,16 +114,16 @@ STROKES: dict[str, tuple[_Stroke, ...]] = {
     ".": ([(0.05, 0.02), (0.05, 0.06)],),
     ",": ([(0.10, 0.05), (0.02, -0.22)],),
 }  # fmt: skip
-"""What can be written, beside spaces."""
+"""The strokes of each character that can be written; there are also spaces."""
 
 
 def measure_text(text: str, size: float) -> float:
-    """Return how wide a text is whose x is `size` high, in the unit of `size`."""
+    """Return the width of a text whose small x is `size` high, in the unit of `size`."""
     return size * sum(map(_advance, text))
 
 
 def draw_text_line(text: str, size_px: float) -> Coverage:
-    """Return a line of text whose x is `size_px` high: (rows, cols) float32, 0 to 1.
+    """Return a line of text whose small x is `size_px` high: (rows, cols) float32, 0 to 1.
 
     The base line is `TOP` times `size_px` below the top edge. Raises KeyError for a character that
     the font does not have.
@@ -144,7 +144,7 @@ def draw_text_line(text: str, size_px: float) -> Coverage:
 
 @cache
 def _advance(character: str) -> float:
-    """Return how far the pen moves on, in heights of an x."""
+    """Return how far a character moves the pen on, in heights of a small x."""
     if character == " ":
         return _SPACE
     right = max(x for stroke in STROKES[character] for x, _ in stroke)

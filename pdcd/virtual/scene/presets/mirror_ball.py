@@ -28,7 +28,7 @@ class MirrorBall:
     centre : (x, y, height)
     radius : in the frame
     rings : rings of facets from pole to pole
-    seed : what sets how facets were glued
+    seed : sets how the facets were glued
     """
 
     centre: tuple[float, float, float]
@@ -38,7 +38,7 @@ class MirrorBall:
 
     @cached_property
     def _ring_sizes(self) -> NDArray[np.intp]:
-        """How many facets each ring from pole to pole has, all round the ball."""
+        """The number of facets in each ring, all round the ball, from pole to pole."""
         latitude = np.pi * ((np.arange(self.rings) + 0.5) / self.rings - 0.5)
         sizes: NDArray[np.intp] = np.rint(2 * self.rings * np.cos(latitude)).astype(np.intp)
         return sizes
@@ -64,7 +64,7 @@ class MirrorBall:
 
     @cached_property
     def facets(self) -> tuple[Array, Array]:
-        """The normals (facets, 3), and what each facet returns at once (facets,)."""
+        """The normals (facets, 3), and the share that each facet sends straight back (facets,)."""
         rng = np.random.default_rng(self.seed)
         normals = self._normals(rng)
         # A facet sends light straight back only when it faces the camera; else it is nearly black.
@@ -103,7 +103,7 @@ class MirrorBall:
         return middles
 
     def draw(self, raster: FrameRaster, image: Array, facets: Array) -> None:
-        """Draw the ball over an image in detail; its facets have these values (facets,)."""
+        """Draw the ball over an image in detail; its facets have the values `facets` (facets,)."""
         ring, place = self.along(raster.x, raster.y)
         facet = self.facet(raster.x, raster.y)
         ball = facet >= 0
@@ -114,7 +114,7 @@ class MirrorBall:
         image[ball] = (facets[facet[ball]] * np.where(glue, 0.15, spot))[:, None]
 
     def lands(self, room: Sequence[_Plane]) -> Landing:
-        """Return where its light lands in a room of planes, see `thrown.Landing`."""
+        """Return where the ball's light lands in a room of planes, see `thrown.Landing`."""
 
         def landing(x: Array, y: Array) -> tuple[Shape, Array, Array]:
             facet = self.facet(x, y)
@@ -123,7 +123,7 @@ class MirrorBall:
             start = self.points(x[ball], y[ball])
             to_x[ball], to_y[ball] = find_ray_ends(room, start, self.rays[facet[ball]])
             there = ball & np.isfinite(to_x)
-            # What lies behind the ball is lit by nothing that is seen.
+            # Spots behind the ball are not seen.
             there &= self.facet(np.where(there, to_x, 0.0), np.where(there, to_y, 0.0)) < 0
             return there, to_x, to_y
 

@@ -1,8 +1,7 @@
 """Things that more than one scene is set up with: round balls, a drinking glass, a glass rod.
 
-A place is looked at along one direction, from which the light comes, too: rays are parallel. What
-stands on a table is seen from above by some `_TILT`: a step towards the camera is `_TILT` of a step
-down in the picture.
+Camera and light look along one direction: rays are parallel. What stands on a table is seen a
+little from above: a step on the table towards the camera is `_TILT` of a step down in the picture.
 """
 
 from __future__ import annotations
@@ -17,7 +16,8 @@ from pdcd.virtual.scene.presets.canvas import FrameRaster, Shape
 _TILT = 0.40
 """Sine of the angle from which tables are seen."""
 _WAVES = 0.10
-"""How uneven blown glass is: the angle by which it throws light aside, and the share up or down."""
+"""How uneven blown glass is: the angle by which it deflects light sideways, and the share of that
+by which it deflects light up or down."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Ball:
 
 @dataclass(frozen=True)
 class Tumbler:
-    """A round drinking glass on a table, and the caustic that its far side throws before it.
+    """A round drinking glass on a table, and the caustic that its far side throws in front of it.
 
     x, y : middle of its foot
     radius, height : in the frame
@@ -99,7 +99,7 @@ class Tumbler:
         x, y = raster.x, raster.y
         across = (x - self.x) / self.radius
         on = self.on(x, y)
-        # Glass is seen through aslant at its sides: there it takes more of the light.
+        # At its sides, light crosses the glass at a slant: there it takes more of the light.
         image[on] *= (0.92 - 0.35 * np.abs(across[on]) ** 6)[:, None]
         half = self._half(x)
         for middle in (self.y, self.y - self.height):
@@ -115,7 +115,7 @@ class Tumbler:
 
 @dataclass(frozen=True)
 class Rod:
-    """A rod of cut glass that stands upright before a wall: a lens for each row of the picture.
+    """A rod of cut glass that stands upright in front of a wall: a lens for each picture row.
 
     x : its axis; top, bottom : its ends; radius : in the frame
     wall : distance of the wall behind its axis

@@ -1,7 +1,7 @@
-"""Scenes with depth before an off-axis rig: a box before a wall, a V-wedge, boxes at four depths.
+"""Scenes with depth for an off-axis rig: a box in front of a wall, a V-wedge, boxes at four depths.
 
-Options of all: `baseline`, the camera's distance to the right of the projector, in heights of the
-field; of the box also `disparity`, that of its front in cells, and `painted`.
+All take the option `baseline`, the camera's distance to the right of the projector, in heights of
+the field; the box also takes `disparity`, that of its front in cells, and `painted`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _SHELF = (1.6, 2.0, 2.3, 2.6)
 
 
 def box_before_wall(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
-    """A red box before a grey wall (`baseline`, `disparity`: of the box's front, in cells;
+    """A red box in front of a grey wall (`baseline`, `disparity`: of the box's front, in cells;
     `painted`: true for boards and letters on it, and for bricks)."""
     numbers = {name: value for name, value in options.items() if name != "painted"}
     baseline = _number("off-axis-box", numbers, ("baseline", "disparity"), "baseline", _BASELINE)
@@ -72,7 +72,7 @@ def wedge(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
 
 
 def shelf(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
-    """Boxes at four depths before a wall (`baseline`)."""
+    """Boxes at four depths in front of a wall (`baseline`)."""
     baseline = _baseline("off-axis-shelf", options)
     places = ((-0.45, _RED), (-0.05, _WHITE), (0.35, _GREEN), (0.85, _BLUE))
     boxes = [
@@ -85,7 +85,7 @@ def shelf(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
 
 
 def _room(baseline: float) -> tuple[Rectangle, Rectangle]:
-    """A wall that fills the sight of both devices, and a floor before it."""
+    """A wall that fills the view of both devices, and a floor in front of it."""
     larger = _FAR / PLANE
     width = 0.5 * FIELD_WIDTH * larger + baseline
     back = make_wall(_FAR, (width, 0.5 * FIELD_HEIGHT * larger), _WHITE)
@@ -110,7 +110,8 @@ def _check_baseline(baseline: float) -> None:
 def _number(
     kind: str, options: Mapping[str, Any], known: tuple[str, ...], name: str, usual: float
 ) -> float:
-    """One option. Raises ConfigError for one that the preset does not know, or that is none."""
+    """The value of one option. Raises ConfigError for options that the preset does not know, or for
+    a value that is not a number."""
     unknown = sorted(set(options) - set(known))
     value = options.get(name, usual)
     if unknown or isinstance(value, bool) or not isinstance(value, int | float):

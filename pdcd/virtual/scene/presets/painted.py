@@ -1,6 +1,6 @@
-"""Paint on the box before a wall: boards and letters, bricks, a floor, as an off-axis camera sees.
+"""Paint on box, wall and floor (boards and letters, bricks), as an off-axis camera sees it.
 
-Light knows which surface the middle of a camera cell sees, and no more; so a cell shows that
+The light transport only knows which surface the middle of a camera cell sees. So a cell shows that
 surface all over, and edges of surfaces lie at edges of cells.
 """
 
@@ -25,14 +25,14 @@ from pdcd.virtual.scene.solids import Rectangle
 from pdcd.virtual.scene.texture import average_cells, sample_texture
 
 _FACES = 5
-"""Of the box, which come first; then the wall, then the floor."""
+"""Number of the box's faces, which come first; then the wall, then the floor."""
 _WORDS = (("Red box", -0.62, -0.02, 0.155), ("at one depth", -0.61, 0.32, 0.088))
-"""On the front of the box, which reaches over 1.6 x 1.2 of the frame here."""
+"""Text on the front of the box, which reaches over 1.6 x 1.2 of the frame here."""
 _REACH = 0.6
 
 
 def paint_box(rig: OffAxisRig) -> Paint:
-    """Return the paint of a box before a wall on a floor."""
+    """Return the paint of a box on a floor, in front of a wall."""
     pattern = average_cells(_pattern(rig)[0][..., None], rig.grid)
     return Paint(pattern, partial(_direct, rig), partial(_indirect, rig))
 

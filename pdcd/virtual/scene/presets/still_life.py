@@ -41,14 +41,15 @@ _ROD_SHARE = 0.40
 _DISK = Ball(-0.64, 0.18, 0.30)
 """The wax disk, which stands on its rim."""
 _WAX = 0.7
-"""How far light gets in it, of what it does in the large disk."""
+"""How far light gets in the wax, relative to the large disk."""
 _SPINE, _PAGE, _SLOPE = 0.06, 0.42, 0.95
 """Where the book's pages meet, how wide they look, and how steep they are: open by 93 degrees."""
 _PAGE_TOP, _PAGE_FOOT = -0.62, 0.30
 MIRROR_X, MIRROR_HALF = 0.63, 0.09
 MIRROR_TOP, MIRROR_FOOT = -0.80, 0.30
 _MIRROR, MIRROR_LANDS, SQUEEZE = 0.6, 0.92, 1.9
-"""Its share of light, where its middle throws it, and how much wider its picture is."""
+"""The share of light that the mirror reflects, where its middle throws it, and how much wider its
+picture is."""
 _GLOBE = Ball(1.02, 0.06, 0.29)
 _SWEETS = 90
 _SWEET = 0.068
@@ -60,7 +61,7 @@ _CARD = (-0.325, 0.50, 0.42, 0.90)
 _SQUARE, _FLAKE = 0.015, 0.0045
 """Edge of the square in which a flake of glitter lies, and half the edge of the flake."""
 _GLITTER, _SPREAD = 0.6, 1.6
-"""Share of its light that a flake throws somewhere, and how much larger it arrives."""
+"""Share of its light that a flake throws elsewhere, and how much larger its spot is."""
 _TEXT = (
     ("Light that", -0.325, -0.42), ("stays, two", -0.325, -0.28), ("pages long,", -0.325, -0.14),
     ("is never", -0.325, 0.00), ("seen alone.", -0.325, 0.14),
@@ -68,7 +69,7 @@ _TEXT = (
 _SIZE = 0.033
 _INK, _PAPER = (0.08, 0.07, 0.07), (0.80, 0.77, 0.70)
 _PATCHES = (12, 24)
-"""Of the light between pages: a page is half as wide as that of the open book."""
+"""Patches for the light between pages: a page is half as wide as that of the open book."""
 
 
 def still_life(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
@@ -163,7 +164,7 @@ def _glittering(seed: int, x: Array, y: Array) -> tuple[Shape, Array, Array]:
 
 
 def _matte(raster: FrameRaster, seed: int) -> Array:
-    """Draw all that is matte: what light finds that was thrown there."""
+    """Draw everything matte: what thrown light falls on."""
     x, y = raster.x, raster.y
     image = raster.fill((0.46, 0.48, 0.47))
     image[y > _TABLE_EDGE] = (0.34, 0.22, 0.14)
@@ -182,7 +183,7 @@ def _matte(raster: FrameRaster, seed: int) -> Array:
 
 
 def _lit(raster: FrameRaster, seed: int) -> Array:
-    """Draw what matte things return of light that falls on them."""
+    """Draw the share of light that matte things return."""
     image = _matte(raster, seed)
     image[raster.y > _TABLE_EDGE] *= 0.8
     image[_pages(raster)] /= np.hypot(1.0, _SLOPE)

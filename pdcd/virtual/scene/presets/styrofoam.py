@@ -28,9 +28,10 @@ _TABLE_EDGE = -0.12
 _SPREAD = 0.07
 """How far light gets inside a ball, one standard deviation."""
 _GLOW = 0.34
-"""What comes back out of a ball."""
+"""Share of the light that comes back out of a ball."""
 _ON_BALLS = 0.14
-"""What balls return at once of light that the glass throws at them; much of it goes inside."""
+"""Share of the light that the glass throws at a ball and the ball returns at once; much of that
+light goes inside."""
 _MIRRORED = 0.30
 """Share of its light that the thick far side of the glass throws forwards."""
 
@@ -65,7 +66,7 @@ def _throwers() -> tuple[Thrower, ...]:
 
 
 def _matte(raster: FrameRaster, seed: int) -> Array:
-    """Draw all that is matte, without the glass."""
+    """Draw everything matte, without the glass."""
     rng = np.random.default_rng(seed)
     image = raster.fill((0.30, 0.36, 0.44))
     table = raster.y > _TABLE_EDGE
@@ -79,9 +80,9 @@ def _matte(raster: FrameRaster, seed: int) -> Array:
 
 
 def _lit(raster: FrameRaster, seed: int) -> Array:
-    """Draw what matte things return of light that falls on them."""
+    """Draw the share of light that matte things return."""
     image = _matte(raster, seed)
-    # A table is lit aslant, a wall nearly squarely.
+    # The table is lit at a slant, the wall nearly squarely.
     image[raster.y > _TABLE_EDGE] *= 0.8
     for ball in _BALLS:
         image[ball.on(raster)] = _ON_BALLS

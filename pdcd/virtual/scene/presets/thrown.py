@@ -21,7 +21,7 @@ from pdcd.virtual.scene.presets.detail import DETAIL, TEXTURE_PIXELS, make_textu
 from pdcd.virtual.scene.texture import sample_texture
 
 _SOFT_PX = 1.1
-"""How much rays are spread in detail: a texture has few of them in a pixel."""
+"""Blur of spots in detail, as a texture has few rays in a pixel."""
 _RAYS = 4
 """Rays of a pixel along either axis."""
 
@@ -54,8 +54,8 @@ class _Thrown:
 
     effects : paths from throwers to what they light, and back, a colour each
     back : (N, 3) float64
-        What returns to the very point of a thrower it was thrown from: such light counts as
-        direct, see row 1 of Table 2 of the paper.
+        Light that returns to the very point of a thrower that threw it: it counts as direct, see
+        row 1 of Table 2 of the paper.
     """
 
     effects: tuple[SparseEffect, ...]
@@ -63,8 +63,8 @@ class _Thrown:
 
 
 def make_thrown_paths(canvas: Canvas, throwers: Sequence[Thrower], lit: Array) -> _Thrown:
-    """Return the paths of all throwers; `lit` (N, 3) is what cells return of light on
-    them, as their direct light does: slope included."""
+    """Return the paths of all throwers; `lit` (N, 3) is the share of light that cells return, slope
+    included, as for direct light."""
     effects: list[SparseEffect] = []
     back = np.zeros_like(lit)
     for one in throwers:
@@ -74,14 +74,14 @@ def make_thrown_paths(canvas: Canvas, throwers: Sequence[Thrower], lit: Array) -
         back += one.share * (arriving.T @ reached)
         for channel, colour in enumerate(COLOUR_NAMES):
             paths = scipy.sparse.diags_array(reached[:, channel]) @ arriving
-            # A path within a cell is there and back in one: it must not be counted twice.
+            # A path within a cell is its own way back: it must not be counted twice.
             paths = paths - scipy.sparse.diags_array(0.5 * paths.diagonal())
             effects.append(make_two_way_paths(f"{one.name}, {colour}", paths, np.eye(3)[channel]))
     return _Thrown(tuple(effects), back)
 
 
 def draw_thrown_light(throwers: Sequence[Thrower], lit: Array) -> Array:
-    """Return the light that throwers send, and what is seen in them, (H, W, 3) of `DETAIL`.
+    """Return the light that throwers send, and the light seen in them, (H, W, 3) of `DETAIL`.
 
     lit : (H, W, 3) float64, as that of cells
     """
@@ -92,7 +92,7 @@ def draw_thrown_light(throwers: Sequence[Thrower], lit: Array) -> Array:
 
 
 def draw_returned_light(throwers: Sequence[Thrower], lit: Array) -> Array:
-    """Return what comes back to its own point of throwers, (H, W, 3) of `DETAIL`."""
+    """Return light that comes back to its own point of a thrower, (H, W, 3) of `DETAIL`."""
     light = np.zeros((*DETAIL, 3))
     for one in throwers:
         light += one.share * _shown([one], lit)
@@ -121,7 +121,7 @@ def draw_spots(one: Thrower) -> Array:
 
 
 def _shown(throwers: Sequence[Thrower], lit: Array) -> Array:
-    """What throwers show of `lit`: sight goes the way of light."""
+    """What throwers show of `lit`: they are seen along the ways of their light."""
     raster = make_texture_raster()
     light = np.zeros((*DETAIL, 3))
     for one in throwers:

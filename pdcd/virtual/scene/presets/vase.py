@@ -66,7 +66,7 @@ def mirror_and_vase(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
 
 
 def _matte(raster: FrameRaster, seed: int) -> Array:
-    """Draw all that is matte; the mirror is not."""
+    """Draw everything matte; the mirror is not."""
     image = raster.fill((0.66, 0.60, 0.48))
     image[raster.y > _TABLE_EDGE] = (0.40, 0.26, 0.15)
     image[_vase(raster)] = (0.70, 0.70, 0.68)
@@ -78,7 +78,7 @@ def _matte(raster: FrameRaster, seed: int) -> Array:
 
 @lru_cache(maxsize=1)
 def _texture(seed: int) -> Array:
-    """Draw all in detail: wallpaper, glaze, gold leaf, and in the glass what it shows."""
+    """Draw everything in detail: wallpaper, glaze, gold leaf, and what the mirror shows."""
     raster = make_texture_raster()
     image = _matte(raster, seed)
     glass, vase = draw_mirror(raster, 0.0), _vase(raster)
@@ -130,7 +130,7 @@ def draw_mirror(raster: FrameRaster, border: float) -> Shape:
 
 
 def _paint(raster: FrameRaster, image: Array, rng: np.random.Generator) -> None:
-    """Paint bands, and petals at places of their own, round the vase."""
+    """Paint bands round the vase, and petals that are turned at random."""
     blue, red = (0.10, 0.18, 0.58), (0.70, 0.16, 0.10)
     radius = _radius(raster.y)
     vase = _vase(raster)

@@ -49,7 +49,7 @@ def wax_disk(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
 def make_wax_kernels(
     canvas: Canvas, body: Array, open_: Array, size: float = 1.0
 ) -> tuple[KernelEffect, KernelEffect]:
-    """Return what comes out of wax: from just below, and from deep inside.
+    """Return the light that comes out of wax: from just below the surface, and from deep inside.
 
     body, open_ : (N,) share of cells through which light gets in and out, just below and deep
     size : of the whole piece; 1 is the disk of `wax_disk`
@@ -101,7 +101,7 @@ def _texture(seed: int) -> Array:
 
 @cache
 def _glow() -> Array:
-    """Draw what comes from within: it knows the key, but no scratch."""
+    """Draw the light from inside: it shows the key, but no scratches."""
     raster = make_texture_raster()
     open_ = 1.0 - BLOCKED * _key(raster)[..., None]
     glow: Array = np.asarray(LIGHT_SHALLOW) + np.asarray(LIGHT_DEEP) * open_
