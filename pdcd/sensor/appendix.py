@@ -1,4 +1,4 @@
-"""The numbers of the paper's appendix, each beside what `pdcd.sensor.snr` makes of it.
+"""The numbers of the paper's appendix, each beside the one that `pdcd.sensor.snr` computes.
 
 Source: O'Toole, Raskar, Kutulakos 2012, appendix, for the sensor of the profile "mark2". Two of its
 numbers have a truncated last digit, and its thermal term is that of `pdcd.sensor.snr`'s "paper".
@@ -29,8 +29,8 @@ _BITS = 12
 class PrintedRow(msgspec.Struct, frozen=True):
     """One number of the appendix beside ours.
 
-    `printed` keeps the paper's digits; `truncated` says that its last one was cut, not rounded.
-    `shot` is ours with dark current as shot noise, None where it does not enter.
+    `printed` keeps the paper's digits; `truncated` says that the last one was cut, not rounded.
+    `shot` is ours with dark current as shot noise, None where dark current does not enter.
     """
 
     quantity: str

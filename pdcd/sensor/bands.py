@@ -1,7 +1,7 @@
 """Work on a frame, band by band of its rows, on two cores.
 
-What is worked out between reading and writing a band stays in the cache, and takes no memory that
-the kernel must fetch and clear first: on a large frame that costs more than the arithmetic.
+Intermediate results of a band stay in the cache, and need no memory that the kernel must fetch and
+clear first: on a large frame that costs more than the arithmetic.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ from numpy.typing import NDArray
 
 _Piece = TypeVar("_Piece")
 OfRows = Callable[[slice], NDArray[Any]]
-"""Makes some rows of a frame."""
+"""Computes some rows of a frame."""
 
 BAND_ROWS = 64
 """Rows of a band."""
 _ALONE_ROWS = 512
 """Rows of a frame up to which threads cost more than a second core saves."""
 THREADS = 2
-"""NumPy, SciPy and OpenCV leave the interpreter to others while they compute."""
+"""Threads; NumPy, SciPy and OpenCV release the interpreter's lock while they compute."""
 
 
 def run_in_bands(rows: int, work: Callable[[slice], None]) -> None:
-    """Call `work` with every band of a frame of so many rows; bands must not touch each other."""
+    """Call `work` with every band of a frame of `rows` rows; bands must not write to each other."""
     bands = [slice(start, min(start + BAND_ROWS, rows)) for start in range(0, rows, BAND_ROWS)]
     _each(bands, work, rows)
 
 
 def run_in_channels(image: NDArray[Any], work: Callable[[int], None]) -> None:
-    """Call `work` with the number of every channel of an image (h, w, C); they must not touch each
-    other's results. For what needs all rows at once, as sums over cells do."""
+    """Call `work` with the number of every channel of an image (h, w, C); channels must not write
+    to each other. It is for work that needs all rows at once, such as sums over cells."""
     _each(range(image.shape[2]), work, image.shape[0])
 
 
 def _each(pieces: Iterable[_Piece], work: Callable[[_Piece], None], rows: int) -> None:
-    """Call `work` with every piece of a frame of so many rows, on two cores where it is large."""
+    """Call `work` with every piece of a frame of `rows` rows, on two cores where it is large."""
     if rows <= _ALONE_ROWS:
         for piece in pieces:
             work(piece)
@@ -49,7 +49,7 @@ def _each(pieces: Iterable[_Piece], work: Callable[[_Piece], None], rows: int) -
 
 
 def fill_in_bands(shape: tuple[int, ...], dtype: Any, make: OfRows) -> NDArray[Any]:
-    """A frame (h, w, ...) whose bands `make` makes."""
+    """A frame (h, w, ...) whose bands `make` computes."""
     out = make_planar_image(shape, dtype)
 
     def fill(rows: slice) -> None:

@@ -1,4 +1,4 @@
-"""Quads of a camera that look at pixels of all panels, and at nothing beside them."""
+"""Quads of a camera that see pixels of all panels, and nothing beside them."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from pdcd.panels.map import Map, find_pixels_on
 from pdcd.panels.map_soundness import SHORT_PX
 
 _REACH_SIGMAS = 2.0
-"""Standard deviations of a blur within which a dark edge is seen: beyond, it takes 2 % at most."""
+"""Standard deviations of a blur within which a dark edge counts: further off, it takes 2 % of the
+light at most."""
 
 
 def find_covered_quads(camera: Map, panels: Sequence[Map], blur_quads: float) -> NDArray[np.bool_]:
-    """Quads, (h, w), that look at pixels of all the panels, and whose blur reaches none beside.
+    """Quads, (h, w), that see pixels of all the panels, and whose blur stays on those pixels.
 
-    camera, panels : maps to one field. blur_quads : of the lens, standard deviation.
+    camera, panels : maps to one field. blur_quads : standard deviation of the lens' blur.
     """
     good = np.logical_and.reduce([find_pixels_on(camera, panel, -SHORT_PX) for panel in panels])
     for _ in range(math.ceil(_REACH_SIGMAS * blur_quads)):

@@ -1,9 +1,9 @@
-"""Black of every sample: as the tags of a file say it, and as a border without light measured it.
+"""Black of every sample: as the tags of a file say it, and as a border without light measures it.
 
-The tags give a pattern that repeats from the ActiveArea's own corner, of any size and in fractions,
-and a number more for each row and for each column. A masked border was exposed with the picture and
-knows more, but only one that is dark: a file may say of any place that it is masked. Source: Adobe
-DNG specification 1.4, chapter 5.
+The tags give a pattern that repeats from the corner of the ActiveArea, of any size and in
+fractions, and a number more for each row and for each column. A masked border was exposed with the
+picture and is a better measurement, but only if it is dark: a file may call any place masked.
+Source: Adobe DNG specification 1.4, chapter 5.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from numpy.typing import NDArray
 from pdcd.arrays import Floats
 
 Area = tuple[int, int, int, int]
-"""First row and column of samples, and those behind the last."""
+"""First row and column of samples, and the row and column after the last."""
 
 MIN_MASKED = 64
 """Fewest masked samples of a colour that black is taken from."""
 _OUTLIER_SIGMAS = 5.0
 _LIT_SHARE = 0.05
-"""Of the way from the tags' black to white: no dark current moves a masked border so far."""
+"""Share of the span from the tags' black to white: dark current never moves a border so far."""
 _HIGH_SHARE = 0.25
-"""Of white: no black of a camera is so high, whatever the tags say."""
+"""Share of white: no camera has so high a black, whatever the tags say."""
 _ROUGH_SHARE = 0.03
-"""The same of the spread of its samples."""
+"""Share of the span from black to white: samples of a dark border spread less."""
 _DOUBT_SHARE = 0.01
-"""The same of a difference between both figures that the user is told."""
+"""Share of that span from which the user is told how far the border and the tags differ."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class BlackLevels:
     columns: Floats
 
     def of_plane(self, first: tuple[int, int], shape: tuple[int, int], step: int) -> PlaneBlack:
-        """Black of every sample, or every second, each way from `first` on, rows and columns of
-        them."""
+        """Black of the plane whose samples begin at `first` and lie `step` apart; `shape` is its
+        rows and columns."""
         (top, left), (height, width) = first, shape
         rows, columns = top + step * np.arange(height), left + step * np.arange(width)
         down = self.rows[rows] if self.rows.size else np.zeros(height)
@@ -71,7 +71,7 @@ class PlaneBlack:
 
     @property
     def mean(self) -> float:
-        """Of all samples of the plane; exact where they all have one black."""
+        """Mean black of all samples of the plane; exact where all have the same black."""
         used = self.pattern[np.ix_(np.unique(self.row), np.unique(self.column))]
         if not np.ptp(used):
             level = float(used.flat[0])
@@ -83,7 +83,7 @@ class PlaneBlack:
 
     @property
     def even(self) -> bool:
-        """Whether all samples of the plane have one black."""
+        """Whether all samples of the plane have the same black."""
         used = self.pattern[np.ix_(np.unique(self.row), np.unique(self.column))]
         return not any(np.ptp(part) for part in (used, self.down, self.across))
 
@@ -96,9 +96,9 @@ class PlaneBlack:
 def choose_dark_areas(
     said: Sequence[int], shape: tuple[int, int], active: Area
 ) -> tuple[list[Area], str | None]:
-    """The masked areas of a file that can be such, and what is wrong with any other one.
+    """The plausible masked areas of a file, and what is wrong with the others.
 
-    said : four numbers an area, as the file has them. shape : rows and columns of the sensor.
+    said : four numbers an area, as in the file. shape : rows and columns of the sensor.
     active : the picture.
     """
     areas = [(said[i], said[i + 1], said[i + 2], said[i + 3]) for i in range(0, len(said) - 3, 4)]
@@ -120,10 +120,10 @@ def measure_dark_areas(
     places: Sequence[tuple[int, int]],
     step: int,
 ) -> tuple[Floats, Floats] | None:
-    """Mean and spread (DN) of the masked samples of each plane, hot ones left out; None of too few.
+    """Mean and spread (DN) of each plane's masked samples without hot ones; None if too few.
 
-    sensor : (H, W) all samples. places : row and column of a sample of each plane, which has every
-    sample, or every second, from there on.
+    sensor : (H, W) all samples. places : row and column of one sample of each plane; the others of
+    the plane lie `step` samples apart from it.
     """
     black, spread = np.empty(len(places)), np.empty(len(places))
     for plane, (row, column) in enumerate(places):
@@ -144,10 +144,10 @@ def measure_dark_areas(
 def find_lit_border(
     measured: tuple[Floats, Floats], tagged: Floats, white: float, darkest: Floats
 ) -> tuple[bool, str | None]:
-    """Whether a masked border cannot be dark, and what the user should know of it.
+    """Whether a masked border cannot be dark, and what the user should know about it.
 
-    measured : as of `measure_dark_areas`. tagged : (P,) black of P planes by tags, NaN where none
-    tells. darkest : (P,) a level of each plane of the picture that much of it lies above.
+    measured : from `measure_dark_areas`. tagged : (P,) black of P planes by the tags, NaN where
+    they do not say. darkest : (P,) a level of each plane of the picture, much of which is brighter.
     """
     black, spread = measured
     said = np.where(np.isnan(tagged), 0.0, tagged)
@@ -179,7 +179,7 @@ def _steady_mean(samples: NDArray[np.generic]) -> tuple[float, float]:
     numbers = samples.astype(np.float64)
     middle = float(np.median(numbers))
     distance = np.abs(numbers - middle)
-    wide = 1.4826 * float(np.median(distance))  # of a normal distribution
+    wide = 1.4826 * float(np.median(distance))  # the standard deviation, if normal
     spread = max(wide, 1.0)  # 1 DN rounds
     if not np.issubdtype(samples.dtype, np.integer):
         spread = wide or 1.0

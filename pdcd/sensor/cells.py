@@ -1,8 +1,8 @@
 """Which quads of a camera's frame see which cells of the field: the one place that knows it.
 
 A quad is a Bayer quad: the pixel of all planes and pictures. `CellMap` says where the quads lie on
-the field, and brings values from cells to quads and back. `pdcd.sensor.footprint` does the
-sums; its libraries take half a second to import, which commands that only name a map are spared.
+the field, and converts values between cells and quads. `pdcd.sensor.footprint` does the sums; its
+libraries take half a second to import, so it is imported only when they are needed.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 _UNCUT: Cuts = ((0.0, 1.0), (0.0, 1.0))
 _LEAST_SEEN = 0.05
-"""Share of a cell's area below which quads that touch it tell nothing of it."""
+"""Share of a cell's area that quads must see; below it they do not measure the cell."""
 _PURE = 1e-6
-"""Share of a second cell, about, from which a quad counts as seeing two."""
+"""Rough share of a second cell from which a quad counts as seeing two cells."""
 _LEAST_KNOWN = 0.9
-"""Share of what is seen of a cell that must be known; a cell of which more is not is unknown."""
+"""Share of a cell's seen area that must be known; otherwise the cell is unknown."""
 _TOUCHED = 0.01
-"""Share of a quad from which on a cell has light of it."""
+"""Share of a quad from which the quad counts as seeing a cell."""
 
 
 class CellMap(msgspec.Struct, frozen=True, kw_only=True):
@@ -41,14 +41,14 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
 
     grid : rows and columns of cells, N in all.
     frame : rows and columns of quads (h, w).
-    map : from quads to the field. None fills the field, and every quad then counts as seeing the
-        mean of what it covers of its cells, however finely codes divide these: so were runs
-        decoded before there were maps, and so are forecasts.
+    map : from quads to the field. With None the frame fills the field, and every quad counts as
+        seeing the mean of the parts of cells it covers, however finely codes divide the cells: runs
+        from before there were maps are decoded so, and forecasts are made so.
     blur_quads : standard deviation of the blur between field and sensor, in quads.
-    panels : maps of panels that do not reach all of the field. What lies beside their pixels is not
-        known, although the camera sees it.
+    panels : maps of panels that do not cover all of the field. Quads beside their pixels count as
+        unknown, although the camera sees light there.
 
-    Kept with every run, so that it is decoded with the map that it was taken with.
+    It is kept with every run, so that a run is decoded with the map it was taken with.
     """
 
     grid: tuple[int, int]
@@ -60,7 +60,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
     @classmethod
     def block(cls, grid: tuple[int, int], frame: tuple[int, int]) -> CellMap:
         """The map of a frame that is cut evenly into cells. Raises DecodeError when the grid does
-        not divide it."""
+        not divide the frame."""
         if frame[0] % grid[0] or frame[1] % grid[1] or not frame[0] * frame[1]:
             raise DecodeError(
                 f"a frame of {frame[0]} x {frame[1]} pixels cannot be cut into {grid[0]} x "
@@ -97,7 +97,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         return _single(self)
 
     def amid(self, quads: float) -> Bools:
-        """(h, w), quads whose centre lies so many quads, or more, from the edges of its cell."""
+        """(h, w), quads whose centre lies at least `quads` quads from the edges of its cell."""
         least = quads * self.quad_cells**0.5
         found: Bools = np.ones(self.frame, np.bool_)
         for place in _places(self):  # from the centre of the first cell
@@ -106,8 +106,8 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def inside(self) -> NDArray[np.float32] | None:
-        """(h, w), share of a quad's light that comes from within the field; None where that is 1
-        for all known quads."""
+        """(h, w), share of a quad's light that comes from inside the field; None where it is 1 for
+        all known quads."""
         return _footprint(self, _UNCUT).inside
 
     @property
@@ -118,7 +118,8 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
     def spread(self, cells: NDArray[Any]) -> NDArray[Any]:
         """Values of cells, (N, ...) -> of quads, (h, w, ...): the mean over what each quad sees.
 
-        0 outside the field; bool values stay so: true where most of what a quad sees is.
+        0 outside the field. Bool values stay bool: true where more than half of what a quad sees is
+        true.
         """
         if self.blocks is not None:
             down, right = self.blocks
@@ -140,7 +141,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
 
     def smooth(self, cells: NDArray[Any]) -> NDArray[Any]:
         """Values of cells, (N, ...) -> of quads, (h, w, ...), without edges: bilinear between the
-        centres of cells. Quads larger than a cell, and those without a map, as of `spread`."""
+        centres of cells. With more cells than quads, or without a map, it is `spread`."""
         if not self._smooths:
             return self.spread(cells)
         table = cells.reshape(*self.grid, *cells.shape[1:])
@@ -155,7 +156,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         return fill_in_bands((*self.frame, *cells.shape[1:]), np.float64, some)
 
     def smooth_rows(self, cells: NDArray[Any]) -> OfRows:
-        """The same of one value a cell, (N,), some rows of quads at a time: (n, w)."""
+        """The same for one value a cell, (N,), some rows of quads at a time: (n, w)."""
         if not self._smooths:
             whole = self.spread(cells)
             return lambda rows: whole[rows]
@@ -169,8 +170,8 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
     def mean(self, image: NDArray[Any], known: Bools | None = None) -> Floats:
         """Values of quads (h, w, C) -> their mean over each cell, (N, C), by area.
 
-        Quads that are not `known` (h, w), or not wholly in the field, do not count. A cell that is
-        seen by none has 0.
+        Quads that are not `known` (h, w), or not wholly in the field, do not count. A cell that no
+        quad sees gets 0.
         """
         if self.blocks is not None and known is None:
             (rows, cols), (down, right) = self.grid, self.blocks
@@ -180,12 +181,12 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         return self._weighed(image, known, squares=False)
 
     def error_of_mean(self, variance: NDArray[Any], known: Bools | None = None) -> Floats:
-        """Variances of quads (h, w, C) -> standard deviation of `mean`, (N, C), quads being
-        independent; 0 for cells that are seen by none."""
+        """Variances of quads (h, w, C) -> standard deviation of `mean`, (N, C), with independent
+        quads; 0 for cells that no quad sees."""
         return self._weighed(variance, known, squares=True)
 
     def seen(self, known: Bools | None = None) -> Bools:
-        """(N,), cells of which enough is seen and, of that, known."""
+        """(N,), cells of which enough area is seen, and enough of the seen area is known."""
         whole = self._area.ravel()
         enough = whole * self.quad_cells >= _LEAST_SEEN
         if known is None:
@@ -194,19 +195,19 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         return enough & (seen >= _LEAST_KNOWN * whole)
 
     def touched(self, quads: Bools) -> Bools:
-        """(N,), cells of which any of these quads (h, w) sees something."""
+        """(N,), cells that these quads (h, w) see, even in part."""
         shares = _footprint(self, _UNCUT).collect(quads & self.known).ravel()
         return np.asarray(shares > _TOUCHED)
 
     @property
     def quad_cells(self) -> float:
-        """Cells that the quad in the middle of the frame covers."""
+        """Area of the quad in the middle of the frame, in cells."""
         middle = np.array([0.5 * self.frame[1], 0.5 * self.frame[0]])
         slope = self.filled.jacobian(middle)
         return abs(float(np.linalg.det(slope))) * self.grid[0] * self.grid[1]
 
     def _weighed(self, image: NDArray[Any], known: Bools | None, *, squares: bool) -> Floats:
-        """Means over cells, or the root of the sum of weighted squares."""
+        """Means over cells; with `squares`, standard deviations of the means of variances."""
         shares = _footprint(self, _UNCUT)
         good = self.known if known is None else known & self.known
         area = (self._area if known is None else shares.collect(good)).reshape(-1, 1)
@@ -223,18 +224,18 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def _area(self) -> Floats:
-        """Known quads that see each cell, (rows, cols), by their shares."""
+        """Area of each cell that known quads see, (rows, cols), in quads."""
         shares = _footprint(self, _UNCUT)
         return shares.collect(self.known) if self.panels else shares.area
 
     @property
     def filled(self) -> Map:
-        """The map, that of a frame which fills the field included."""
+        """The map; where there is none, that of a frame which fills the field."""
         return self.map or Map.filling((self.frame[1], self.frame[0]))
 
     @property
     def blocks(self) -> tuple[int, int] | None:
-        """Rows and columns of quads in a cell, where they are whole numbers and without a map."""
+        """Rows and columns of quads in a cell; None with a map, or where they are not whole."""
         (rows, cols), (height, width) = self.grid, self.frame
         if self.map is not None or height % rows or width % cols:
             return None
@@ -285,7 +286,7 @@ def _lines(cells: CellMap) -> tuple[bool, sparse.csr_array, sparse.csr_array] | 
 
 @lru_cache(maxsize=64)
 def _line_rows(cells: CellMap, start: int, stop: int) -> sparse.csr_array:
-    """Some rows of the weights along columns; a picture takes each band of them many times."""
+    """Some rows of the weights along columns; a picture needs each band of them many times."""
     lines = _lines(cells)
     if lines is None:
         raise ValueError("no upright map")

@@ -1,9 +1,9 @@
 """Samples that do not follow the light: dead ones in a white photo, stuck ones in test exposures,
 full ones of a sensor that holds less than its profile says.
 
-Neighbours tell of the first two. A lens spreads the light of any point over several samples, so
-that none stays dark between lit ones, and none is bright by itself. Noise tells of the third: what
-is full has none of photons, so that far more samples end at one level than below it.
+Neighbours show the first two: a lens spreads the light of any point over several samples, so that
+no live sample stays dark between lit ones or is bright on its own. Noise shows the third: full
+samples have no photon noise, so that far more of them end at one level than just below it.
 """
 
 from __future__ import annotations
@@ -24,43 +24,44 @@ _BESIDE = tuple(
     for row in ([[1, 0, 1]], [[1, 0, 0, 0, 1]])
     for turned in (np.array(row, np.uint8), np.array(row, np.uint8).T)
 )
-"""Samples to either side of one; the next but one tell where two lines lie side by side."""
+"""Samples to either side of one: the next ones, and the next but one for two dead lines side by
+side."""
 _AROUND = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], np.uint8)
 _DEAD = 0.02
-"""Light over that to either side below which a sample is dead: black ink has more."""
+"""Light relative to that at either side, below which a sample is dead: black ink has more."""
 _SURE = 200.0
-"""Read noises of light that a neighbour has at least: noise then makes a live sample of no dead
-one."""
+"""Least light of a neighbour, in read noises: noise then cannot make a dead sample look live."""
 _MOST_OF_LINE, _LEAST_OF_LINE = 0.5, 0.25
-"""Share of dead samples, of those that can be told, from which all of a row or column is; these
-count as a quarter of it, at least."""
+"""Share of dead samples, among those lit enough to judge, from which a whole row or column counts
+as dead; the judged ones count as at least a quarter of the line."""
 _FINE = 1.0 / 15.0
-"""Cells that a quad covers, at most, where its neighbours tell of it."""
+"""Largest area of a quad, in cells, for which its neighbours show what it should see."""
 _STUCK = 0.5
-"""Share of saturation that neighbours of a saturated sample stay below where it is stuck."""
+"""Share of saturation below which all neighbours of a stuck sample stay."""
 _UNLIT = 0.02
-"""Share of saturation that neighbours stay below where hardly any light falls: a point so bright
-that its own sample is full there has more beside it, by what a lens spreads."""
+"""Share of saturation below which neighbours show that hardly any light falls: a point bright
+enough to fill a sample would give its neighbours more, as a lens spreads its light."""
 _PILE, _PILE_TIMES = 64, 4
-"""Samples at the upper end, and times those as far below it, that noise of photons never leaves."""
+"""Least number of samples at the upper end that show it is full, and their least ratio to those in
+an equal range below it: photon noise never piles up so many."""
 _READ_SPREAD = 7.0
-"""Read noises from the brightest of many full samples down to almost all of them."""
+"""Read noises between the brightest of many full samples and nearly the darkest."""
 _LEAST_NOISE = 3.0
-"""Noise of the brightest light over that of reading, from which the two are told apart."""
+"""Least noise of the brightest light, in read noises, at which the two can be separated."""
 _NOISY, _QUARTER = 0.5, 0.3186
-"""Share of the noise foreseen that a photo has at least where its noise may tell of it; standard
-deviations that a quarter of differences by noise stay below."""
+"""Least noise of a photo, relative to the noise model, for its noise to show full samples; and the
+lower quartile of differences by noise, in standard deviations."""
 
 
 def can_tell_samples(cells: CellMap) -> bool:
-    """Whether neighbours tell of a sample: not where a few of them, or one, are all of a cell, of
-    which a goal may ask for more or less light than of the next."""
+    """Whether neighbours show what a sample should see. They do not where a cell is only a few
+    samples, or one: a goal may ask for more or less light from it than from the next cell."""
     return cells.quad_cells <= _FINE
 
 
 def find_dead_samples(white: RawFrame, profile: SensorProfile, iso: int) -> Bools:
-    """Quads with a dead sample, (h, w), in a photo of all light where `can_tell_samples`. Raises
-    ConfigError when the sensor's profile has no such ISO."""
+    """Quads with a dead sample, (h, w), in a photo of all light. Use it where `can_tell_samples`.
+    Raises ConfigError when the sensor's profile has no such ISO."""
     row = profile.row(iso)
     least = _SURE * row.read_noise_e / row.gain_e_per_dn
     found = np.zeros(white.frame, np.bool_)
@@ -80,17 +81,18 @@ def find_dead_samples(white: RawFrame, profile: SensorProfile, iso: int) -> Bool
 
 
 def find_stuck_samples(frame: RawFrame, saturation_dn: float) -> Bools:
-    """Saturated quads, (h, w), all of whose neighbours are far from it, where `can_tell_samples`:
-    stuck ones, if they are so at another aperture, too; else a glint."""
+    """Saturated quads, (h, w), all of whose neighbours are far from saturation. Use it where
+    `can_tell_samples`. Quads that stay so at another aperture are stuck, others are a glint."""
     if not frame.saturated.any():
         return frame.saturated
     return np.asarray(frame.saturated & (_light_around(frame) < _STUCK * saturation_dn))
 
 
 def find_always_full_samples(quads: Bools, frames: Iterable[tuple[RawFrame, float]]) -> Bools:
-    """Those of some quads, (h, w), that are white whatever they see, where `can_tell_samples`:
-    saturated in all photos of a run, which come with their DN of saturation, and by itself in one
-    where next to no light falls, as the projector's code is black there."""
+    """Those of some quads, (h, w), that are white whatever they see. Use it where
+    `can_tell_samples`. They are saturated in all photos of a run, and in one of them alone among
+    dark neighbours, as the projector's code is black there. `frames` are the photos, each with its
+    DN of saturation."""
     always, dark = quads.copy(), np.zeros_like(quads)
     for frame, saturation_dn in frames:
         always &= frame.saturated
@@ -101,14 +103,14 @@ def find_always_full_samples(quads: Bools, frames: Iterable[tuple[RawFrame, floa
 
 
 def _light_around(frame: RawFrame) -> NDArray[np.float32]:
-    """The brightest sample of the quads around each, (h, w), in DN above black."""
+    """The brightest sample of the quads around each quad, (h, w), in DN above black."""
     light: NDArray[np.float32] = frame.planes.max(axis=0)
     return np.asarray(cv2.dilate(light, _AROUND), np.float32)
 
 
 def find_full_level(frame: RawFrame, profile: SensorProfile, iso: int) -> float | None:
-    """DN above black from which samples of a photo are full, where they are so below what the
-    profile says; None where none are. Raises ConfigError when the profile has no such ISO."""
+    """DN above black from which samples of a photo are full, if that is below what the profile
+    says; None where no samples are. Raises ConfigError when the profile has no such ISO."""
     free = frame.samples
     if frame.saturated.any():
         free = np.where(frame.saturated, free.dtype.type(0), free)
@@ -127,20 +129,22 @@ def find_full_level(frame: RawFrame, profile: SensorProfile, iso: int) -> float 
 
 
 def _count_from(samples: NDArray[np.generic], levels: Floats) -> int:
-    """Samples of all planes from these levels on; whole numbers are compared as such."""
+    """Number of samples of all planes at or above these levels; whole numbers are compared as whole
+    numbers."""
     whole = np.ceil(levels).astype(np.int64) if samples.dtype == np.uint16 else levels
     found = (light >= level for light, level in zip(samples, whole.tolist(), strict=True))
     return sum(int(np.count_nonzero(where)) for where in found)
 
 
 def mark_full_samples(frame: RawFrame, level_dn: float) -> RawFrame:
-    """The same with what is at that level above black, or over it, as saturated."""
+    """The photo with quads marked as saturated from that level above black on."""
     return frame.without(np.asarray((frame.planes >= np.float32(level_dn)).any(axis=0)))
 
 
 def _has_noise(frame: RawFrame, profile: SensorProfile, iso: int, below_dn: float) -> bool:
-    """Whether samples beside each other differ by the noise of their light, of those below a level:
-    of an average of many photos, or a sensor without noise, an even wall ends at one level, too."""
+    """Whether neighbouring samples below a level differ by as much as the noise of their light. In
+    an average of many photos, or with a sensor without noise, an even wall also ends at one level.
+    """
     ratios = []
     for light in frame.planes:
         one, other = light[:, :-1:2], light[:, 1::2]
@@ -149,5 +153,5 @@ def _has_noise(frame: RawFrame, profile: SensorProfile, iso: int, below_dn: floa
         noise = np.sqrt(2.0 * compute_variance_dn2(mean[where], profile, iso, 0.0))
         ratios.append(np.abs(one[where] - other[where]) / noise)
     every = np.concatenate(ratios)
-    # Edges differ by more than noise; of even cells without noise a quarter do not differ at all.
+    # Edges differ by more than noise; in even cells without noise, a quarter do not differ at all.
     return bool(every.size) and float(np.quantile(every, 0.25)) > _NOISY * _QUARTER

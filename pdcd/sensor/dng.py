@@ -29,7 +29,7 @@ from pdcd.bench.devices import PhotoFrame, RawFile
 from pdcd.errors import ConfigError, ExposureError, disk_errors
 
 MIN_SIDE = 22
-"""Least width and height, in samples, that LibRaw takes for a RAW image."""
+"""Least width and height, in samples, of a RAW image that LibRaw accepts."""
 
 # TIFF field types that are used here: number in the file, and how one value is packed.
 _BYTE, _ASCII, _SHORT, _LONG, _RATIONAL, _UNDEFINED, _SRATIONAL = 1, 2, 3, 4, 5, 7, 10
@@ -74,25 +74,25 @@ def write_dng(
 
     Parameters
     ----------
-    path : where to; a file that is there is replaced.
+    path : where to write; a file that is there is replaced.
     samples : (H, W) uint16
-        In DN, as the sensor has them: black not taken off, nothing scaled, turned or mended. H and
-        W are even, except of a sensor without colours.
+        In DN, as the sensor gives them: black not taken off, nothing scaled, turned or mended. H
+        and W are even, except for a sensor without colours.
     black : DN
         Level without light: one whole number, or one for each place of the quad, row by row.
     white : DN
         Level from which a sample is saturated.
     iso, exposure_s, f_number
-        What the photo was taken with; ISO 0 is none, and `f_number` None (a lens that tells none)
-        is left out.
+        What the photo was taken with; ISO 0 stands for none, and `f_number` None (the lens does not
+        report it) is left out.
     model, make, serial
-        Which camera it was; "" leaves a serial number out.
+        Which camera it was; "" leaves the serial number out.
     cfa : "RGGB", "BGGR", "GRBG", "GBRG" or None
         Colours of the quad at the upper left corner, row by row; None: one grey plane. Cutting out
         an odd number of rows or columns, or mirroring, turns one order into another.
     date : when it was taken, to the second; None: now.
     as_shot_neutral : response (R, G, B) to a neutral surface, the inverse of the white balance.
-    record : the device's own words of this photo, kept in the file as JSON (ImageDescription).
+    record : what the device reported for this photo, kept in the file as JSON (ImageDescription).
 
     Raises ConfigError for samples or numbers that no DNG can hold, NoSpaceError and DiskError. A
     file that could not be written whole is removed.
@@ -119,9 +119,9 @@ def keep_photo(
     photo: RawFile | PhotoFrame, path: Path, model: str, serial: str, *, hold: bool = False
 ) -> tuple[RawFile, dict[str, bytes]]:
     """The file of a photo that `Readout.fetch` returned: its own, or `path` for one in memory. With
-    `hold` that is not written, and the bytes of files are given by their names.
+    `hold` nothing is written; the bytes of the files are returned by name.
 
-    Raises what `write_dng` raises, and ExposureError for what is no photo.
+    Raises what `write_dng` raises, and ExposureError for anything that is not a photo.
     """
     if isinstance(photo, RawFile) and photo.path.parent == path.parent:
         return photo, {}
@@ -137,7 +137,7 @@ def keep_photo(
 
 
 def write_photo_frame(frame: PhotoFrame, path: Path, model: str, serial: str) -> RawFile:
-    """Write a photo that a camera of that name handed over; of a second bucket, beside it.
+    """Write a photo that a camera handed over; that of a second bucket goes into a file beside it.
 
     The rig calls it with what `Readout.fetch` returned, so that a run has its RAW files. Raises
     what `write_dng` raises.
@@ -151,7 +151,7 @@ def write_photo_frame(frame: PhotoFrame, path: Path, model: str, serial: str) ->
 def hold_photo_frame(
     frame: PhotoFrame, path: Path, model: str, serial: str
 ) -> tuple[RawFile, dict[str, bytes]]:
-    """What `write_photo_frame` would return and write: bytes by the names of files.
+    """What `write_photo_frame` would return, and the bytes that it would write, by file name.
 
     For a rig that keeps no files. Raises ConfigError for samples or numbers that no DNG can hold.
     """
@@ -245,7 +245,7 @@ def _check(samples: NDArray[np.uint16], cfa: str | None) -> None:
 
 
 def _check_settings(iso: int, exposure_s: float, f_number: float | None) -> None:
-    """Refuse what a photo cannot have been taken with."""
+    """Refuse settings that no photo can have been taken with."""
     if not isinstance(iso, Integral) or not 0 <= iso <= _MAX_ISO:
         raise ConfigError(
             f"ISO {iso!r:.40} does not fit the tag",
@@ -264,7 +264,7 @@ def _check_settings(iso: int, exposure_s: float, f_number: float | None) -> None
 
 
 def _levels(black: int | Sequence[int], white: int, cfa: str | None) -> tuple[int, ...]:
-    """Black of each place of the quad, row by row; of the one place of a grey plane."""
+    """Black of each place of the quad, row by row; one level for a grey plane."""
     places = 4 if cfa else 1
     levels = tuple(black) if isinstance(black, Sequence | np.ndarray) else (black,) * places
     whole = all(isinstance(level, Integral) for level in (*levels, white))
@@ -342,7 +342,7 @@ def _image(
 
 
 def _identity(make: str, model: str, serial: str, record: Mapping[str, str]) -> dict[int, _Field]:
-    """Tags that say which camera it was, and what it said."""
+    """Tags that say which camera it was, and what it reported."""
     tags = {271: _text(make), 272: _text(model), 50708: _text(model)}  # the last: UniqueCameraModel
     if serial:
         tags[50735] = _text(serial)  # CameraSerialNumber
@@ -354,7 +354,7 @@ def _identity(make: str, model: str, serial: str, record: Mapping[str, str]) -> 
 def _colours(
     cfa: str | None, levels: tuple[int, ...], as_shot_neutral: tuple[float, float, float]
 ) -> dict[int, _Field]:
-    """Tags of the mosaic and its colours; of a grey plane, that it is one."""
+    """Tags of the mosaic and its colours, or of a grey plane."""
     side = 2 if cfa else 1
     tags = {
         50713: _numbers(_SHORT, side, side),  # BlackLevelRepeatDim
@@ -402,7 +402,7 @@ def _text(text: str) -> _Field:
 
 
 def _directory(fields: dict[int, _Field], offset: int) -> bytes:
-    """One IFD that will lie at `offset`, with the values that do not fit its entries behind it."""
+    """One IFD that will lie at `offset`, followed by the values that do not fit its entries."""
     entries = struct.pack("<H", len(fields))
     values = b""
     values_offset = offset + 2 + 12 * len(fields) + 4

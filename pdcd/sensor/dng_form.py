@@ -1,7 +1,7 @@
 """What a DNG says of its samples: where they lie, in which form, their mosaic and their levels.
 
-Forms that hold neither a 2x2 Bayer mosaic nor one plane of grey, or that nothing here unpacks, are
-named for what they are.
+Forms that hold neither a 2x2 Bayer mosaic nor one grey plane, or that nothing here unpacks, are
+refused with an error that names the form.
 Source: Adobe DNG specification 1.4 and 1.7, chapters 2, 4 and 5.
 """
 
@@ -20,15 +20,15 @@ from pdcd.sensor.tiff import TiffDirectory, TiffTags, read_numbers, read_reals
 BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
 """Mosaics that can be read: colours of the quad, row by row."""
 PLAIN, JPEG, DEFLATE = (1,), (7,), (8, 32946)
-"""Numbers of the ways to pack samples that are read."""
+"""Compression numbers that can be read."""
 _CFA, _LINEAR = 32803, 34892
 _COLOURS = "RGBCMYW"
 _HEADER_BYTES = 8
 _MOST_PIECES = 2**16
-"""A strip for each row is the most that anybody writes."""
+"""Most strips or tiles that are read: nobody writes more than a strip for each row."""
 _PACKINGS = {9: "VC-5", 34892: "lossy JPEG", 52546: "JPEG XL", 5: "LZW", 32773: "PackBits"}
 _MOVES = {1, 2, 6, 14}
-"""Numbers of opcodes that warp or trim a picture and leave its light as it is."""
+"""Numbers of opcodes that warp or trim a picture but do not change its light."""
 _OPCODES = {
     3: "FixVignetteRadial", 4: "FixBadPixelsConstant", 5: "FixBadPixelsList", 7: "MapTable",
     8: "MapPolynomial", 9: "GainMap", 10: "DeltaPerRow", 11: "DeltaPerColumn", 12: "ScalePerRow",
@@ -41,7 +41,7 @@ _REPACK = "set the camera or the converter to a DNG with lossless JPEG, or an un
 class SamplePiece:
     """A strip or tile: where its bytes lie, and the samples of the sensor that it holds.
 
-    needed : rows and columns of samples in the bytes; of a tile at the edge more than it shows.
+    needed : rows and columns of samples in the bytes; a tile at the edge has more than it shows.
     """
 
     offset: int
@@ -57,10 +57,10 @@ class DngForm:
 
     shape : rows and columns of all samples. bits, floating : of a sample. packing : one of `PLAIN`,
     `JPEG` and `DEFLATE`. predictor, order, pieces : how and where the samples lie.
-    table : what each stored number stands for; empty where it stands for itself.
-    active : the picture. colours : of the quad in its corner; "" of a sensor without colours.
+    table : the value of each stored number; empty where numbers stand for themselves.
+    active : the picture. colours : of the quad in its corner; "" for a sensor without colours.
     black, white : levels in DN.
-    masked : numbers of masked areas, as the file has them. doubts : what is odd, in words.
+    masked : numbers of masked areas, as in the file. doubts : what is odd, in words.
     """
 
     shape: tuple[int, int]
@@ -132,14 +132,15 @@ def read_dng_form(tags: TiffTags, name: str) -> DngForm | None:
 
 
 def make_packed(name: str, what: str) -> DecodeError:
-    """The error for a whole file whose samples are packed with what is not read; for readers."""
+    """The error for a whole file whose samples are packed in a way that is not read; for readers.
+    """
     return DecodeError(
         f"cannot decode {name}: it is packed with {what}, which nothing here reads", hint=_REPACK
     )
 
 
 def make_unreadable(name: str, what: str, hint: str) -> DecodeError:
-    """The error for a whole file of another form, named for `what` it is; for every reader."""
+    """The error for a whole file that holds `what`, which cannot be read; for every reader."""
     return DecodeError(
         f"cannot decode {name}: it is {what}, with no 2x2 Bayer mosaic of red, green and blue, and "
         "no plane of grey",
@@ -150,7 +151,7 @@ def make_unreadable(name: str, what: str, hint: str) -> DecodeError:
 def describe_mosaic(pattern: str, columns: int) -> tuple[str, str]:
     """What a mosaic is called, and what to do about it.
 
-    pattern : colours of all its places, row by row, of so many `columns`.
+    pattern : colours of all its places, row by row; `columns` is its width.
     """
     rows = len(pattern) // columns if columns else 0
     if (rows, columns) == (6, 6):
@@ -166,8 +167,8 @@ def describe_mosaic(pattern: str, columns: int) -> tuple[str, str]:
 
 
 def _find_mosaic(tags: TiffTags, name: str) -> TiffDirectory:
-    """The directory of the full-size mosaic, or plane of grey. Raises DecodeError where there is
-    none."""
+    """The directory of the full-size mosaic, or grey plane. Raises DecodeError where there is none.
+    """
     full = [found for found in tags.directories if not _one(found, tiff.SUBFILE_TYPE, 0)]
 
     def size(found: TiffDirectory) -> tuple[int, int]:
@@ -193,7 +194,7 @@ def _find_mosaic(tags: TiffTags, name: str) -> TiffDirectory:
 
 
 def _read_mosaic(main: TiffDirectory, name: str) -> str:
-    """Colours of the quad in the ActiveArea's corner, "" of a plane of grey. Raises DecodeError for
+    """Colours of the quad in the ActiveArea's corner, "" for a grey plane. Raises DecodeError for
     another mosaic."""
     if _one(main, tiff.PHOTOMETRIC, -1) != _CFA:
         return ""
@@ -223,7 +224,7 @@ def _read_active(main: TiffDirectory, shape: tuple[int, int], doubts: list[str])
 
 
 def _describe_opcodes(main: TiffDirectory) -> list[str]:
-    """What the file asks to be done to its stored samples, which nothing here does, nor LibRaw."""
+    """What the file asks to be done to its stored samples; neither pdcd nor LibRaw does it."""
     asked = dict.fromkeys(n for n in read_numbers(main, tiff.OPCODES) if n not in _MOVES)
     if not asked:
         return []
@@ -274,7 +275,7 @@ class _Levels:
         return said
 
     def read_white(self, highest: float) -> float:
-        """The white level in DN; the highest number of a sample where none is told."""
+        """The white level in DN; the highest number of a sample where the file gives none."""
         white = (*self._said(tiff.WHITE_LEVEL), highest)[0]
         if white <= 0.0:
             raise _contradiction(self.name, f"a white level of {white:g}")

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pdcd.arrays import Floats
 
 _STEPS = 4095
-"""Steps of light that are told apart: finer than 8 bits need them, but for the darkest."""
+"""Steps of light in the table: finer than 8 bits need, except for the darkest."""
 _USUAL, _BRIGHT = 0.6, 0.98
-"""Light that a finder gives to its brighter parts, and the share of pixels that are darker."""
+"""Light that a finder gives to the brighter parts of a picture, and the share of darker pixels."""
 
 
 def _make_tables() -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
@@ -33,7 +33,7 @@ def draw_finder_picture(light: Floats) -> NDArray[np.uint8]:
 
 
 def read_finder_light(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """The light of a picture, 0..1, of the same shape; of colours their mean."""
+    """The light of a picture, 0..1, of the same shape; the mean of its colours, if it has any."""
     light = cv2.LUT(np.ascontiguousarray(picture), _LIGHT)
     if picture.ndim == 3:
         light = cv2.transform(light, np.full((1, 3), 1.0 / 3.0))
@@ -41,7 +41,7 @@ def read_finder_light(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def choose_finder_gain(light: Floats) -> float:
-    """By what light is to be multiplied so that its brighter parts are well seen, as a finder
-    exposes by itself; `inf` where there is none."""
+    """The factor on light that makes its brighter parts well visible, as a finder exposes by
+    itself; `inf` where there is no light."""
     bright = float(np.quantile(light, _BRIGHT))
     return _USUAL / bright if bright > 0.0 else float("inf")

@@ -11,11 +11,11 @@ from pdcd.panels.map import Map
 from pdcd.panels.map_soundness import find_points_on_device, list_cell_centres, measure_cell_sides
 
 _LEAST_SEEN = 0.5
-"""Share of the cells that the camera must see at least; what lies outside is no part of a photo."""
+"""Least share of the cells that the camera must see; cells outside are not in its photos."""
 _WINDOW_QUADS = 2.0
-"""Quads along a cell's side from which on its two quarter windows a side can be told apart."""
+"""Least quads along a cell's side that resolve its two quarter windows along that side."""
 _CLOSE = 1e-6
-"""Edges that lie so near to each other, in cells, are the same."""
+"""Edges no further apart than this, in cells, count as the same."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class FrameFit:
 
     frame : rows and columns of quads.
     seen : share of the cells whose centre lies in the frame.
-    across : fewest and most quads along a cell's side, of the cells that are seen; 0 where none is.
+    across : fewest and most quads along a side of the cells that are seen; 0 where none is.
     aligned : whether the edges of the quads lie on the edges of cells, so that each quad sees parts
         of one cell only.
     """
@@ -36,7 +36,7 @@ class FrameFit:
 
 
 def measure_frame_fit(map_: Map, grid: tuple[int, int]) -> FrameFit:
-    """How the camera of that map sees a grid of so many rows and columns of cells."""
+    """How the camera of this map sees a grid of cells (rows, columns)."""
     width, height = map_.size_px
     points = map_.from_field(list_cell_centres(grid))
     inside = find_points_on_device(map_, points)
@@ -49,7 +49,7 @@ def measure_frame_fit(map_: Map, grid: tuple[int, int]) -> FrameFit:
 
 
 def check_frame_fit(fit: FrameFit, window: str) -> None:
-    """Raise ConfigError for a frame that cannot show what the cells do, naming what to change.
+    """Raise ConfigError for a frame that cannot resolve the cells; the error says what to change.
 
     window : "quarter" or "whole", that of the codes.
     """
@@ -75,7 +75,7 @@ def check_frame_fit(fit: FrameFit, window: str) -> None:
 
 
 def _aligned(map_: Map, grid: tuple[int, int]) -> bool:
-    """Whether the edges of quads run along those of cells, with a whole number of quads a cell."""
+    """Whether the edges of cells lie on edges of quads, with a whole number of quads in a cell."""
     width, height = map_.size_px
     size = np.array([width, height], dtype=np.float64)
     corners = map_.to_field(size * [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
@@ -85,7 +85,7 @@ def _aligned(map_: Map, grid: tuple[int, int]) -> bool:
     steps = map_.jacobian(size * np.array([[0.1, 0.1], [0.5, 0.5], [0.9, 0.9]]))
     steps = np.abs(steps * np.array([[grid[1]], [grid[0]]]))
     across = 1.0 / steps.max(axis=-2)
-    # The same everywhere, along the axes, and a whole number: nothing is turned or bent.
+    # Steps equal everywhere, along the axes, and whole: the map is neither turned nor bent.
     straight = np.allclose(steps, steps[0], atol=_CLOSE) and steps.min(axis=-2).max() < _CLOSE
     return bool(straight and np.abs(across - across.round()).max() < 1e-3)
 

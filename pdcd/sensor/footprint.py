@@ -1,9 +1,9 @@
-"""Shares of pieces of the field in what each quad of a camera sees.
+"""Shares of pieces of the field in the light of each quad of a camera.
 
 A quad sees a small parallelogram of the field, blurred by the lens. The field is cut along both
 axes, into cells or into parts of cells. The footprint says which share of each quad's light comes
-from which piece. Along each axis it is exact for a piece that is cut off by a straight edge; where
-two edges cross within a turned quad, shares are the product of those along the axes.
+from which piece. A share is exact where only one straight edge cuts the quad; where two edges cross
+within a turned quad, it is the product of the shares along the two axes.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from pdcd.panels.map import Map
 from pdcd.sensor.quad_places import PLACE_ROWS, SNAP, PlaceNodes, find_upright_axes
 
 _REACH_SIGMAS = 4.0
-"""How far blur is followed; what is beyond is less than a ten-thousandth."""
+"""Standard deviations up to which blur counts; less than a ten-thousandth lies beyond."""
 _THIN = 1e-6
-"""Least width of a parallelogram's slope, over its length: 0 would be divided by."""
+"""Least width of a parallelogram's slope, relative to its length: it must not be 0, as it divides.
+"""
 _TOUCH = 1e-6
-"""Share of half a quad by which it may reach beyond the field and still lie in it, by rounding."""
+"""Share of half its size by which rounding may move a quad in the field beyond the field's edge."""
 _THREADS = 2
-"""That work out a footprint: the sums of a band of rows leave the interpreter to others."""
+"""Threads for a footprint; the sums of a band of rows release the interpreter's lock."""
 _CLOSE = 1e-12
-"""Of a cell: a place that is so near to an edge lies on it."""
+"""A place no further than this from an edge, in cells, lies on it."""
 
 Cuts = tuple[tuple[float, ...], tuple[float, ...]]
 """Where each cell is cut along rows and columns, 0 and 1 included."""
@@ -41,8 +42,8 @@ class Footprint:
     """Shares of (R, C) pieces in a frame of (h, w) quads.
 
     known : (h, w) bool, quads that lie wholly within the field.
-    inside : (h, w) float32 or None, share of a quad's light that comes from the field, by blur less
-        than 1 near its border; None where that is 1 for all known quads.
+    inside : (h, w) float32 or None, share of a quad's light that comes from the field: blur makes
+        it less than 1 near the border; None where it is 1 for all known quads.
     """
 
     known: Bools
@@ -51,11 +52,11 @@ class Footprint:
 
     @cached_property
     def area(self) -> Floats:
-        """Quads that lie wholly within the field and see each piece, (R, C), by their shares."""
+        """Sum of the shares of each piece, (R, C), over quads that lie wholly within the field."""
         return self.collect(self.known)
 
     def gather(self, values: NDArray[Any]) -> Floats:
-        """Mean over each quad of values of pieces: (R, C) -> (h, w), 0 outside the field."""
+        """Mean of values of pieces (R, C) over what each quad sees: (h, w), 0 outside the field."""
         return self._shares.gather(values)
 
     def collect(self, image: NDArray[Any], *, squares: bool = False) -> Floats:
@@ -105,7 +106,7 @@ class _Axes:
 
     @cached_property
     def _sums(self) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        """What sums over pieces, down and right: shares, and their squares."""
+        """Matrices that sum over pieces, down and right: of shares, and of their squares."""
         both = self.down, self.right
         (down, right), (down2, right2) = both, (axis.power(2) for axis in both)
         return (down.T, right.T), (down2.T, right2.T)
@@ -151,8 +152,8 @@ def compute_footprint(
 def _axis(
     count: int, line: tuple[float, float], pieces: _Pieces, blur_quads: float
 ) -> tuple[scipy.sparse.csr_array, Floats, Bools]:
-    """Shares along one axis, each quad's adding up to 1: sparse (count, pieces); what they added up
-    to before; and which quads lie wholly inside."""
+    """Shares along one axis, sparse (count, pieces), scaled to add up to 1 for each quad; their
+    sums before; and which quads lie wholly inside."""
     start, step = line
     ends = np.rint((start + step * np.arange(count + 1.0)) * SNAP) / SNAP
     low, high = np.minimum(ends[:-1], ends[1:]), np.maximum(ends[:-1], ends[1:])
@@ -207,10 +208,11 @@ def _scattered(
 
 @dataclass(frozen=True, eq=False)
 class _Marginal:
-    """One axis of the footprints of many quads: a box, smeared by another one, of the half widths
-    `sides`, and by a Gaussian.
+    """One axis of the footprints of many quads: two boxes of the half widths `sides`, convolved
+    with each other and with a Gaussian.
 
-    first, number : first piece that it touches, and how many; alone : it lies within that one.
+    first, number : first piece that a quad touches, and the number of them; alone : the quad lies
+        within that one piece.
     """
 
     centre: Floats
@@ -226,7 +228,7 @@ class _Marginal:
     def of(
         cls, centre: Floats, slope: tuple[Floats, Floats], blur_quads: float, pieces: _Pieces
     ) -> _Marginal:
-        """Of quads at `centre`, (Q,), whose place moves by `slope` from quad to quad."""
+        """The axis for quads at `centre`, (Q,), whose place moves by `slope` from quad to quad."""
         sides = 0.5 * np.abs(slope[0]).ravel(), 0.5 * np.abs(slope[1]).ravel()
         half = sides[0] + sides[1]
         sigma = None
@@ -271,13 +273,13 @@ class _Pieces:
         self.count = self.edges.size - 1
 
     def touched(self, low: Floats, high: Floats) -> tuple[Indices, Indices]:
-        """First piece between `low` and `high`, and how many there are; none outside."""
+        """First piece between `low` and `high`, and the number of pieces; 0 outside the field."""
         first, end = self._of(low), self._of(high - _CLOSE)
         there = (high > 0.0) & (low < self.edges[-1])
         return first, np.where(there, end - first + 1, 0)
 
     def _of(self, places: Floats) -> Indices:
-        """The piece in which a place lies, the first or last one beyond the field."""
+        """The piece in which a place lies; beyond the field, the first or the last piece."""
         cell = np.floor(places)
         part = places - cell
         piece = cell.astype(np.int64) * (len(self._cuts) - 1)
@@ -287,7 +289,7 @@ class _Pieces:
 
 
 def _expanded(first: Indices, number: Indices) -> tuple[Indices, Indices]:
-    """Every quad and piece that meet, (E,) each."""
+    """The pairs of a quad and a piece that it touches, (E,) each."""
     quad = np.repeat(np.arange(first.size), number)
     step = np.arange(quad.size) - np.repeat(np.cumsum(number) - number, number)
     return quad, first[quad] + step
@@ -296,15 +298,15 @@ def _expanded(first: Indices, number: Indices) -> tuple[Indices, Indices]:
 def _crossed(
     y: _Marginal, x: _Marginal, across: int
 ) -> tuple[Indices, NDArray[np.int32], Floats, Floats]:
-    """Products of two axes: entries of each quad (Q,), their pieces and shares (E,), adding up to 1
-    for each quad, and what they added up to before (Q,)."""
+    """Products of two axes: the number of each quad's entries (Q,), their pieces and shares (E,),
+    scaled to add up to 1 for each quad, and their sums before (Q,)."""
     number = y.number * x.number
     ends = np.cumsum(number)
     starts = ends - number
     share = np.ones(int(ends[-1]))
     column = np.empty(share.size, np.int32)
     sums = np.ones(number.size)
-    alone = y.alone & x.alone  # most quads: one piece, and all of it
+    alone = y.alone & x.alone  # most quads lie within one piece
     column[starts[alone]] = y.first[alone] * across + x.first[alone]
     cut = np.flatnonzero(~alone)
     entries = number[cut]
@@ -322,7 +324,7 @@ def _crossed(
 
 
 def _below_box(edge: Floats, low: Floats, high: Floats, sigma: float) -> Floats:
-    """Share of a box, blurred, that lies below an edge."""
+    """Share of a blurred box that lies below an edge."""
     if sigma == 0.0:
         return np.clip((edge - low) / (high - low), 0.0, 1.0)
     a, b = (edge - low) / sigma, (edge - high) / sigma
@@ -331,7 +333,7 @@ def _below_box(edge: Floats, low: Floats, high: Floats, sigma: float) -> Floats:
 
 
 def _twice(x: Floats, sigma: Floats | None) -> Floats:
-    """What a step at 0, blurred, comes to when it is integrated twice."""
+    """The second integral of a blurred step at 0."""
     if sigma is None:
         return 0.5 * np.maximum(x, 0.0) ** 2
     z = x / sigma

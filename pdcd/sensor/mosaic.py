@@ -1,9 +1,8 @@
-"""The mosaic of a RAW file with its levels: LibRaw's reading and own reading, side by side.
+"""The mosaic of a RAW file with its levels: LibRaw's reading and our own, side by side.
 
-What a file says of black, white, mosaic and picture is read from its own tags where it is a DNG;
-what LibRaw makes of the same is a second figure, and a difference is said. The first photo of each
-form is decoded twice, into memory that is filled otherwise; any other one where a sample is what
-memory was filled with.
+For a DNG, black, white, mosaic and picture are read from the file's own tags. LibRaw's values are
+compared with them, and a difference is reported. The first photo of each form is decoded twice,
+into memory that is filled differently; later ones are, too, if a sample equals the filling.
 """
 
 from __future__ import annotations
@@ -44,21 +43,21 @@ from pdcd.sensor.whole import RawData, check_whole, find_stop_tags
 _BIG_TIFF = (b"II+\0", b"MM\0+")
 _LIBRAW_MIN_SIDE = 22
 _CANON_GUARD = 2
-"""Columns at either edge of a Canon's left border that are not used: dcraw leaves them out, too."""
+"""Unused columns at either edge of a Canon's left border: dcraw leaves them out, too."""
 _MORE_BYTES = 1 << 16
-"""Put behind a file whose headers do not tell its length: nothing of it may come into samples."""
+"""Bytes appended to a file whose headers do not give its length: none may end up in samples."""
 _WHOLE_DN = 1.0
-"""LibRaw cuts black to whole numbers."""
+"""Smallest difference of levels that is reported: LibRaw cuts black to whole numbers."""
 
 _proven: dict[tuple[object, ...], bool] = {}
-"""Forms of which a photo was decoded twice, and whether LibRaw's samples are those of the file."""
+"""Forms with a photo that was decoded twice, and whether LibRaw's samples equal the file's."""
 
 
 @dataclass(frozen=True)
 class RawInput:
     """A RAW file before its samples are unpacked; made by `open_raw`.
 
-    form : of a DNG, else None. found : where its packed samples lie.
+    form : of a DNG, else None. found : where the packed samples lie.
     """
 
     data: bytes
@@ -71,14 +70,15 @@ class RawInput:
 
 @dataclass(frozen=True)
 class Mosaic:
-    """All samples of a sensor, and what part of them is the picture.
+    """All samples of a sensor, and which part of them is the picture.
 
-    sensor : (H, W) DN, black included; of LibRaw's memory, which goes away with `RawInput`.
+    sensor : (H, W) DN, black included; it may lie in LibRaw's memory, which `RawInput` frees.
     first : row and column of the picture's first sample. size : its rows and columns of samples.
-    colours : of the quad there; "" of a sensor without colours, which has one plane. white : DN.
-    black, libraw_black : (P,) DN of each plane, of R, G1, G2, B or of grey.
-    uneven : of each plane, where black differs within one; `black` is its mean.
-    masked, tagged : whether black is that of a masked border, and that of the file's tags.
+    colours : of the quad there; "" for a sensor without colours, which has one plane. white : DN.
+    black, libraw_black : (P,) DN of each plane: of R, G1, G2, B, or of grey.
+    uneven : black of each plane, where it differs within a plane; `black` is then its mean.
+    masked, tagged : whether black is that of a masked border; whether it is that of the file's
+        tags.
     doubts : what the user should know, in words.
     """
 
@@ -96,20 +96,20 @@ class Mosaic:
 
     @property
     def places(self) -> list[tuple[int, int]]:
-        """Row and column within the quad of R, G1, G2 and B; the one of a plane of grey."""
+        """Row and column within the quad of R, G1, G2 and B; one place for a grey plane."""
         return _list_places(self.colours)
 
     @property
     def step(self) -> int:
-        """Samples from one of a plane to the next."""
+        """Distance between neighbours in a plane, in samples of the sensor."""
         return find_quad_side(self.colours)
 
 
 @contextmanager
 def open_raw(data: bytes, name: str) -> Iterator[RawInput]:
-    """Open a RAW file called `name`, see what form it has and that all of it is there.
+    """Open a RAW file called `name`; find its form, and check that all of the file is there.
 
-    For `read_raw` and `read_raw_head`. Raises DecodeError; LibRaw's own errors within become such.
+    For `read_raw` and `read_raw_head`. Raises DecodeError, also in place of LibRaw's own errors.
     """
     if data.startswith(_BIG_TIFF):
         raise make_packed(name, "places of 64 bits (BigTIFF)")
@@ -135,13 +135,13 @@ def open_raw(data: bytes, name: str) -> Iterator[RawInput]:
 
 
 def find_quad_side(colours: str) -> int:
-    """Samples along a side of what becomes one pixel: of a quad of these colours 2, of a sensor
-    without colours 1."""
+    """Samples along a side of one pixel: 2 for a quad of colours, 1 for a sensor without colours.
+    """
     return 2 if colours else 1
 
 
 def is_grey(raw: RawInput) -> bool:
-    """Whether an open file is of a sensor without colours."""
+    """Whether an open file comes from a sensor without colours."""
     return raw.libraw.num_colors == 1 if raw.form is None else not raw.form.colours
 
 
@@ -153,8 +153,8 @@ def read_mosaic(raw: RawInput) -> Mosaic:
 
 
 def find_picture(raw: RawInput) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Row and column of the picture's first sample, and its rows and columns of samples; of a DNG
-    by its ActiveArea."""
+    """Row and column of the picture's first sample, and its rows and columns of samples; a DNG
+    gives them as its ActiveArea."""
     sizes = raw.libraw.sizes
     if raw.form is None:
         return (sizes.top_margin, sizes.left_margin), _shown(sizes, (sizes.height, sizes.width))
@@ -163,8 +163,9 @@ def find_picture(raw: RawInput) -> tuple[tuple[int, int], tuple[int, int]]:
 
 
 def read_exposure(raw: RawInput) -> tuple[int, float, float | None]:
-    """ISO, exposure time and stop. LibRaw knows where each maker has them, but not that a fraction
-    is none, and nothing of a file that it does not unpack. Raises rawpy.LibRawError."""
+    """ISO, exposure time and stop. LibRaw knows where each maker keeps them, but it does not notice
+    an undefined fraction, and reads nothing from a file that it does not unpack. Raises
+    rawpy.LibRawError."""
     tags = find_stop_tags(raw.data, raw.tags)
     try:
         other = raw.libraw.other
@@ -179,15 +180,15 @@ def read_exposure(raw: RawInput) -> tuple[int, float, float | None]:
 
 
 def read_tagged_exposure(tags: TiffTags) -> tuple[int, float, float | None]:
-    """The same by the tags of a TIFF alone; 0 and None where they say nothing."""
+    """The same from the tags of a TIFF alone; 0 and None where they say nothing."""
     return (*tags.numbers(tiff.ISO), 0)[0], tags.exposure_s, tags.f_number
 
 
 def _shown(sizes: rawpy.ImageSizes, visible: tuple[int, int]) -> tuple[int, int]:
-    """Rows and columns of the picture, of those that are visible."""
+    """Rows and columns of the picture, given those that are visible."""
     if 0 < min(sizes.crop_width, sizes.crop_height) < _LIBRAW_MIN_SIDE:
-        # LibRaw refuses so small an image; the mock camera sends a larger one and says by its crop
-        # which corner counts. Crops of real cameras only trim the edge and are not applied.
+        # LibRaw refuses such a small image, so the mock camera sends a larger one, with a crop for
+        # the corner that counts. Crops of real cameras only trim the edge and are not applied.
         return min(visible[0], sizes.crop_height), min(visible[1], sizes.crop_width)
     return visible[0], visible[1]
 
@@ -227,12 +228,13 @@ def _read_sensor(raw: RawInput) -> tuple[NDArray[np.generic], tuple[str, ...]]:
 
 
 def _is_own_alone(form: DngForm) -> bool:
-    """Whether LibRaw reads such samples otherwise than they are: it scales real numbers."""
+    """Whether only our own reading is right: LibRaw scales real numbers, and reads strips or tiles
+    as if they lay in order."""
     return form.floating or not is_in_order(form)
 
 
 def _find_used(raw: RawInput) -> tuple[slice, slice]:
-    """Rows and columns of samples that the picture, or black, is taken from."""
+    """Rows and columns of samples that the picture and black are taken from."""
     if raw.form is not None:
         return slice(None), slice(None)
     sizes, canon = raw.libraw.sizes, raw.tags is not None and raw.tags.canon
@@ -242,7 +244,7 @@ def _find_used(raw: RawInput) -> tuple[slice, slice]:
 
 
 def _unpack(raw: RawInput) -> NDArray[np.uint16]:
-    """LibRaw's samples; those of a picture whose colours are made are refused."""
+    """LibRaw's samples; pictures whose colours are already made are refused."""
     if raw.libraw.raw_type is not rawpy.RawType.Flat:
         raise make_unreadable(
             raw.name, "a reduced-size or ready-made picture", "set the camera to full-size RAW"
@@ -251,7 +253,7 @@ def _unpack(raw: RawInput) -> NDArray[np.uint16]:
 
 
 def _unpack_again(raw: RawInput, shape: tuple[int, int]) -> NDArray[np.uint16]:
-    """The same anew; with more bytes behind the file where nothing tells how many it needs."""
+    """The same, decoded again; with more bytes after the file where its length is not known."""
     if not raw.found.sure:
         try:
             longer = raw.data + b"\xa5" * _MORE_BYTES
@@ -260,13 +262,13 @@ def _unpack_again(raw: RawInput, shape: tuple[int, int]) -> NDArray[np.uint16]:
             if sensor.shape == shape:
                 return sensor
         except rawpy.LibRawError:
-            pass  # it minds what is behind
+            pass  # it does not accept the bytes after the file
     with rawpy.imread(io.BytesIO(raw.data)) as again:
         return np.array(again.raw_image)
 
 
 def _of_libraw(raw: RawInput, sensor: NDArray[np.generic]) -> Mosaic:
-    """Levels and picture as LibRaw has them. Raises DecodeError for another mosaic than Bayer."""
+    """Levels and picture by LibRaw. Raises DecodeError for any mosaic other than Bayer."""
     libraw = raw.libraw
     corner = libraw.sizes.top_margin, libraw.sizes.left_margin
     numbers, colours = _libraw_mosaic(raw, corner)
@@ -290,7 +292,7 @@ def _of_libraw(raw: RawInput, sensor: NDArray[np.generic]) -> Mosaic:
 
 
 def _of_dng(raw: RawInput, form: DngForm, sensor: NDArray[np.generic]) -> Mosaic:
-    """Levels and picture as the tags of a DNG have them."""
+    """Levels and picture by the tags of a DNG."""
     first, size = find_picture(raw)
     colours = form.colours
     step = find_quad_side(colours)
@@ -338,7 +340,7 @@ def _of_dng(raw: RawInput, form: DngForm, sensor: NDArray[np.generic]) -> Mosaic
 def _compare_levels(
     raw: RawInput, form: DngForm, black: Floats, libraw_black: Floats
 ) -> Iterator[str]:
-    """Where LibRaw has other levels than the tags, in forms of which it knows all."""
+    """Where LibRaw's levels differ from the tags', in forms that LibRaw reads in full."""
     simple = max(form.black.pattern.shape) <= 2 and not (
         form.black.rows.size or form.black.columns.size or form.masked
     )
@@ -352,10 +354,10 @@ def _compare_levels(
 
 
 def _with_border(raw: RawInput, mosaic: Mosaic) -> Mosaic:
-    """The same with black from a masked border, where there is one that is dark.
+    """The mosaic with black from a masked border, where there is one that is dark.
 
-    A DNG says where they are. Of a CR2 it is the left border, as dcraw has it; the borders of
-    other makers' files may be anything.
+    A DNG says where its masked borders are. For a CR2 it is the left border, as in dcraw. The
+    borders of other makers' files may hold anything.
     """
     (top, left), doubts = mosaic.first, list(mosaic.doubts)
     areas: list[Area] = []
@@ -365,7 +367,7 @@ def _with_border(raw: RawInput, mosaic: Mosaic) -> Mosaic:
         areas, wrong = choose_dark_areas(raw.form.masked, (shape[0], shape[1]), raw.form.active)
         doubts += [wrong] if wrong else []
         if not raw.form.black.pattern.any():
-            tagged = np.full(len(mosaic.places), np.nan)  # a level of zero is mostly none
+            tagged = np.full(len(mosaic.places), np.nan)  # zero mostly means that none is given
     elif raw.tags is not None and raw.tags.canon and left > 2 * _CANON_GUARD:
         areas = [(top, _CANON_GUARD, top + raw.libraw.sizes.height, left - _CANON_GUARD)]
     places = [(top + row, left + column) for row, column in mosaic.places]
@@ -373,7 +375,7 @@ def _with_border(raw: RawInput, mosaic: Mosaic) -> Mosaic:
     if not areas:
         return replace(mosaic, doubts=tuple(doubts))
     masked = measured is not None
-    if measured is None:  # too few; LibRaw takes what there is, or the tags
+    if measured is None:  # too few samples: LibRaw uses those there are, or the tags
         measured = mosaic.libraw_black, np.zeros(len(places))
     bottom, right = top + mosaic.size[0], left + mosaic.size[1]
     darkest = np.array(
@@ -390,14 +392,14 @@ def _with_border(raw: RawInput, mosaic: Mosaic) -> Mosaic:
 
 
 def _libraw_mosaic(raw: RawInput, first: tuple[int, int]) -> tuple[NDArray[np.uint8], str]:
-    """LibRaw's numbers of colours from the picture's `first` sample on, and their letters; G2 is G,
-    and of one colour there are none. Nothing of a mosaic that it does not tell."""
+    """LibRaw's numbers of colours from the picture's `first` sample on, and their letters: G2 is G,
+    and a single colour has no letter. Both are empty for a mosaic that LibRaw does not report."""
     libraw = raw.libraw
     if libraw.num_colors == 1:
         return np.zeros((1, 1), np.uint8), ""
     try:
         numbers = libraw.raw_pattern
-    except NotImplementedError:  # of a mosaic for which its binding has no form
+    except NotImplementedError:  # a mosaic that the binding cannot represent
         numbers = None
     if numbers is None:
         return np.zeros((0, 0), np.uint8), ""

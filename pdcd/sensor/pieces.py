@@ -1,9 +1,10 @@
-"""Samples of a DNG that is not compressed, or deflated, as the file has them: own reading.
+"""Our own reading of the samples of a DNG that is not compressed, or deflated.
 
-LibRaw scales samples that are real numbers by the largest of each photo, and photos are subtracted
-from each other here; and what one decoder makes of a file is no proof. So all that needs no decoder
-of its own is read here, and LibRaw's reading of whole numbers is held against it. Source: TIFF 6.0,
-sections 8, 14 and 15; TIFF technical note 3; Adobe DNG specification 1.4, chapters 2 and 5.
+LibRaw scales samples that are real numbers by the largest of each photo, but photos are subtracted
+from each other here. And one decoder alone is no proof. So everything that does not need a
+decoder of its own is read here, and LibRaw's reading of whole numbers is compared with it. Source:
+TIFF 6.0, sections 8, 14 and 15; TIFF technical note 3; Adobe DNG specification 1.4, chapters 2 and
+5.
 """
 
 from __future__ import annotations
@@ -21,24 +22,24 @@ from pdcd.sensor.bands import run_in_bands
 from pdcd.sensor.dng_form import DEFLATE, JPEG, PLAIN, DngForm, SamplePiece, make_packed
 
 _PLANES = {3: 1, 34894: 2, 34895: 4}
-"""Predictors of real numbers, whose bytes lie plane by plane: how many bytes back the one is that
-was taken off."""
+"""Predictors of real numbers, whose bytes lie plane by plane: each byte is the difference from the
+one this many bytes before it."""
 _FEW_BYTES = 64
-"""Of a part, to see whether it may be all zeros."""
+"""Bytes of a part that are checked first, to see whether it may be all zeros."""
 _JPEG_START, _JPEG_END, _JPEG_SCAN, _LOSSLESS = b"\xff\xd8", b"\xff\xd9", 0xDA, 0xC3
 _MOST_SEGMENTS = 1000
-"""Before the samples; real ones have three."""
+"""Most segments before the samples; real files have three."""
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def is_read_here(form: DngForm) -> bool:
-    """Whether `read_samples` reads such a file, without LibRaw."""
+    """Whether `read_samples` can read a file of this form, without LibRaw."""
     return form.packing in PLAIN + DEFLATE
 
 
 def is_in_order(form: DngForm) -> bool:
-    """Whether strips or tiles that are not compressed lie one behind another, as LibRaw takes for
-    granted; others are read here alone."""
+    """Whether uncompressed strips or tiles lie one after another, as LibRaw assumes. Files where
+    they do not are only read here."""
     return form.packing not in PLAIN or all(
         piece.offset + count_plain_bytes(form, piece) == following.offset
         for piece, following in pairwise(form.pieces)
@@ -46,11 +47,11 @@ def is_in_order(form: DngForm) -> bool:
 
 
 def check_pieces(data: bytes, form: DngForm, name: str) -> tuple[str, ...]:
-    """Hold every strip and tile against the file, the others and the samples that it must hold.
+    """Check every strip and tile against the file, the others and the samples that it must hold.
     Returns what is odd, in words.
 
-    Raises DecodeError where one lies beyond the end or over another one, is too short, is no
-    lossless JPEG, or holds zeros only while another one does not.
+    Raises DecodeError where one lies beyond the end or over another one, is too short, is not
+    lossless JPEG where it must be, or holds only zeros while another one does not.
     """
     empty, odd = [], ""
     for number, piece in enumerate(form.pieces, 1):
@@ -89,7 +90,7 @@ def check_pieces(data: bytes, form: DngForm, name: str) -> tuple[str, ...]:
 
 
 def count_plain_bytes(form: DngForm, piece: SamplePiece) -> int:
-    """Bytes of a strip or tile that is not compressed: every row begins with a byte of its own."""
+    """Bytes of an uncompressed strip or tile: every row begins at a new byte."""
     rows, columns = piece.needed
     return rows * -(-columns * form.bits // 8)
 
@@ -97,11 +98,11 @@ def count_plain_bytes(form: DngForm, piece: SamplePiece) -> int:
 def check_lossless_jpeg(
     data: bytes, samples: int, where: str, name: str, *, columns: int = 0
 ) -> None:
-    """See that so many samples begin and end in lossless JPEG data.
+    """Check that lossless JPEG data holds at least `samples` samples and has an end.
 
-    columns : of the place that they fill, if it has any. Rows that are told otherwise fill it one
-    behind another, which takes as many samples. A decoder leaves what a missing frame does not fill
-    as it was in memory. Raises DecodeError.
+    columns : width of the place that they fill; 0 for no check. Rows of another width fill it one
+    after another, which needs exactly `samples` samples. Where samples are missing, a decoder
+    leaves memory as it was. Raises DecodeError.
     """
     at = 2 if data.startswith(_JPEG_START) else len(data)
     held = segments = across = 0
@@ -127,8 +128,8 @@ def check_lossless_jpeg(
 def read_samples(data: bytes, form: DngForm, name: str) -> NDArray[np.uint16 | np.float32]:
     """All samples of a sensor, (H, W) in DN: uint16, or float32 of real numbers.
 
-    data, form : a file and what it says of itself, which `check_pieces` found to be there.
-    Raises DecodeError for damaged data and for samples that are no numbers.
+    data, form : a file and what it says of itself, both checked by `check_pieces`.
+    Raises DecodeError for damaged data and for samples that are not finite numbers.
     """
     height, width = form.shape
     samples = np.empty(form.shape, np.float32 if form.floating else np.uint16)
@@ -149,7 +150,7 @@ def read_samples(data: bytes, form: DngForm, name: str) -> NDArray[np.uint16 | n
 
 
 def _copy(found: NDArray[Any], place: NDArray[Any]) -> None:
-    """Rows of a piece to where they belong, as far as they lie in the picture."""
+    """Copy the rows of a piece to their place, as far as they lie in the picture."""
     height, width = place.shape
 
     def band(rows: slice) -> None:
@@ -218,7 +219,7 @@ def _as_floats(packed: NDArray[np.uint8], size: int, order: str) -> NDArray[np.f
 
 
 def _unpack_bits(packed: NDArray[np.uint8], columns: int, bits: int) -> NDArray[Any]:
-    """Whole numbers of so many bits, the highest first, whatever the order of the file's bytes."""
+    """Whole numbers of `bits` bits, highest bit first, whatever the file's byte order."""
     group = math.lcm(bits, 8)
     many, size = group // bits, group // 8
     groups = -(-columns // many)

@@ -35,9 +35,10 @@ PROFILE_FOLDERS = (_PACKAGE / "_config" / "sensors", _PACKAGE.parent / "config" 
 
 NOMINAL_RESPONSIVITY_E = (4.8e6, 8.6e6, 5.6e6)
 """Electrons per scene unit and second at f/1 (R, G, B) where `camera.responsivity_e` is not given:
-a half-grey scene then fills the well of the "modern" sensor about two thirds in a default capture
-at f/8. True of the mock camera; for a real bench without a calibration only a scale. A sensor
-without colours has no filters before it, and gets the sum (`weigh_colours`)."""
+a half-grey scene then fills the well of the "modern" sensor to about two thirds in a default
+capture at f/8. It is true of the mock camera; for a real bench without a calibration it is only a
+scale. A sensor without colours has no filters in front of it, and gets the sum (`weigh_colours`).
+"""
 
 _MAX_BYTES = 2**20
 """Longest profile that is read."""
@@ -46,24 +47,25 @@ _GAUSSIAN_FROM_E = 1000.0
 _FULL_WELL_SIGMAS = 4.0
 _PREVIEW_BYTES = 64 << 20
 _LARGEST_PHOTO_BYTES = 1 << 28
-"""Of a sensor whose size is not known."""
+"""Longest photo of a sensor whose size is not known."""
 _MAX_ISO = 65535  # what EXIF's PhotographicSensitivity holds
 
 
 def responsivity_e(config: CameraConfig, colours: int = 3) -> NDArray[np.float64]:
-    """What every camera driver tells as `CameraInfo.responsivity_e`: as configured or else nominal,
-    (3,), or (1,) of a sensor of one colour. Drivers that cannot know how many there are leave that
-    to the rig. A real camera cannot know its answer; the run is marked with a warning then."""
+    """What every camera driver reports as `CameraInfo.responsivity_e`: the configured or else the
+    nominal numbers, (3,), or (1,) for a sensor without colours. Drivers that cannot know the number
+    of colours leave it to the rig. A real camera cannot know its responsivity; the run then gets a
+    warning."""
     light = np.array(config.responsivity_e or NOMINAL_RESPONSIVITY_E)
     return light.sum(keepdims=True) if colours == 1 else light
 
 
 def weigh_colours(light: NDArray[np.float64], colours: int) -> NDArray[np.float64]:
-    """Light of a scene, (..., 3) in scene units, as a sensor of so many colours sees it: (..., 3)
+    """Light of a scene, (..., 3) in scene units, as a sensor of `colours` colours sees it: (..., 3)
     or (..., 1).
 
-    A sensor without colours sees the mean of red, green and blue, each as much as the filter of
-    that colour lets through (`NOMINAL_RESPONSIVITY_E`): white of one scene unit stays one.
+    A sensor without colours sees the mean of red, green and blue, weighted by what the filter of
+    each colour lets through (`NOMINAL_RESPONSIVITY_E`): white of one scene unit stays one.
     """
     if colours == 3:
         return light
@@ -100,8 +102,8 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mono
         True for a sensor without colours; left out for one behind a Bayer mosaic.
     base
-        The profile (a name, or a path) that this one was measured in the place of; "" for one that
-        nobody measured. A mock body stays what that one says.
+        The profile (a name, or a path) that this measured one replaces; "" for one that was not
+        measured. A mock body keeps to the numbers of `base`.
 
     Raises `ConfigError` naming every value that is wrong.
     """
@@ -152,7 +154,7 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def colours(self) -> int:
-        """Of its photos: 3, or 1 of a sensor without colours."""
+        """Colours of its photos: 3, or 1 for a sensor without colours."""
         return 1 if self.mono is True else 3
 
     @property
@@ -162,14 +164,14 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def samples(self) -> int:
-        """Of a full-size photo; 0 where that is not known."""
+        """Samples of a full-size photo; 0 where that is not known."""
         width, height = self.frame_quads or (0, 0)
         return width * height * (1 if self.colours == 1 else 4)
 
     @property
     def largest_photo_bytes(self) -> int:
-        """What a RAW file of this sensor cannot be longer than: two bytes for each sample and as
-        much again for masked borders and a second plane, beside pictures to look at."""
+        """Longest possible RAW file of this sensor: two bytes for each sample, as much again for
+        masked borders and a second plane, and room for previews."""
         if self.frame_quads is None:
             return _LARGEST_PHOTO_BYTES
         return 2 * (2 * self.samples) + _PREVIEW_BYTES
@@ -187,9 +189,9 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def saturation_dn(self, iso: int) -> float:
         """Signal, in DN above black, from which a sample counts as saturated.
 
-        It is the lower of white level and full well. Read noise is added behind a full well, so
-        that half of the full pixels read lower than it: there four standard deviations are taken
-        off, which leaves one full pixel in 30 000 unmarked.
+        It is the lower of white level and full well. Read noise is added after the full well, so
+        half of the full pixels read lower. Four standard deviations of it are therefore taken off
+        the full well, which leaves one full pixel in 30 000 unmarked.
         """
         row = self.row(iso)
         full_dn = (self.full_well_e - _FULL_WELL_SIGMAS * row.read_noise_e) / row.gain_e_per_dn
@@ -271,7 +273,7 @@ def expose_sensor(
         A count is negative, infinite or NaN: the light was computed wrongly.
     """
     row = profile.row(iso)
-    # Sums of products may end a rounding error below zero where no light falls.
+    # Sums of products may be a rounding error below zero where no light falls.
     if not np.all(np.isfinite(electrons)) or np.any(electrons < -1e-3):
         raise ExposureError("expected electron counts must be finite and not negative")
     light = np.maximum(electrons, 0.0)
@@ -305,14 +307,14 @@ def compute_variance_dn2(
     Parameters
     ----------
     signal_dn : array
-        Expected, or as the best guess measured, signal above black in DN. Negative ones (noise
-        around a dark sample) count as 0.
+        Signal above black in DN: the expected one, or the measured one as the best guess. Negative
+        signals (noise around a dark sample) count as 0.
     profile, iso, exposure_s
         As for `expose_sensor`.
 
     Raises `ConfigError` when the profile has no such ISO. Clipping is not accounted for.
 
-    Source: the paper's appendix, but for its thermal term (rate times time, squared), which is
+    Source: the paper's appendix, except for its thermal term (rate times time, squared), which is
     replaced by the variance of a Poisson count, rate times time.
     """
     row = profile.row(iso)

@@ -1,8 +1,8 @@
 """Do the samples that a decoder gives come from the file?
 
-Three questions: does the decoder say the same when fresh memory is filled otherwise; are there
-samples far below black, as in a file whose data have not come; are there rows of one and the same
-number, as of a decoder that lost its way.
+Three checks: does the decoder give the same samples when fresh memory is filled differently; are
+there samples far below black, as in a file whose data are still missing; are there rows of one and
+the same number, as from a decoder that lost its place.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from pdcd.arrays import Floats
 from pdcd.errors import DecodeError
 
 _M_PERTURB = -6
-"""Of glibc's mallopt: the byte that fresh memory is filled with is this one's complement."""
+"""Option of glibc's mallopt: fresh memory is filled with the complement of the given byte."""
 _FILLINGS = (0x5A, 0xC3)
 _UNTOUCHED = 0xA5A5
 """A sample of memory with the first of these fillings."""
 _BLOCK_QUADS = 32
 _ABSENT, _BLOCKS = 4, 16
-"""So many blocks of neighbours that are far below black, or of one number, are no fault of the
-sensor; of a small picture a sixteenth is, too."""
+"""From these numbers on, blocks of neighbours far below black, or of one number, are no fault of
+the sensor; in a small picture a sixteenth of the blocks is enough for the first."""
 _LEAST_BLACK, _LEAST_BLACK_SHARE = 4.0, 1.0 / 2000.0
-"""Lowest black (DN, and of white) that samples can lie far below."""
+"""Lowest black, in DN and as a share of white, that samples can lie far below."""
 _MIXED_SHARE = 0.02
-"""Of blocks with some zeros, where zeros are a hole: its edges alone have such."""
+"""Most blocks with some zeros, as a share of all, where zeros are a hole: only at its edges."""
 _PER_ZERO = 0.5
 """Least white or black samples that a byte of zeros can stand for."""
 _AGAIN = "fetch it from the camera again"
 _turn = threading.Condition()
 _users: dict[int, int] = {}
-"""Threads that decode now, by what they want fresh memory to be filled with: all want one thing."""
+"""Threads that decode now, by the filling they want for fresh memory: never two at once."""
 
 
 def decode_proven(
@@ -47,12 +47,11 @@ def decode_proven(
     *,
     twice: bool,
 ) -> NDArray[np.uint16]:
-    """What a decoder makes of a file, if it is the same whatever fresh memory is filled with.
+    """A decoder's samples, if they do not depend on the filling of fresh memory.
 
     first, again : decode the file, each into memory of its own. used : rows and columns that
-    matter; edges that nobody uses are left as they were by some decoders. twice : whether to
-    compare in any case; else only where some sample is what the memory was filled with. Raises
-    DecodeError.
+    matter; some decoders leave unused edges unwritten. twice : whether to decode twice and compare
+    in any case; otherwise only if a sample equals the filling. Raises DecodeError.
     """
     with _fresh_memory(_FILLINGS[0]):
         found = first()
@@ -70,10 +69,10 @@ def decode_proven(
 def check_samples(
     samples: NDArray[np.generic], black: Floats, white: float, name: str, *, packed: bool
 ) -> tuple[str, ...]:
-    """Look for samples that cannot be, and say what is odd. Raises DecodeError.
+    """Look for impossible samples; return what is odd, in words. Raises DecodeError.
 
     samples : (P, h, w) DN, black included. black : (P,) DN. packed : whether the file is
-    compressed; in one that is not, every number stands as it is, and is believed.
+    compressed; the numbers of an uncompressed file are believed as they stand.
     """
     step = _row_step(samples)
     for plane, level in zip(samples, black, strict=True):
@@ -97,10 +96,11 @@ def check_samples(
 
 
 def check_zeros(samples: NDArray[np.generic], name: str, *, packed: bool) -> tuple[str, ...]:
-    """Look for neighbours that are all zero where the others never are, in a file whose black is
-    zero: noise that reaches zero makes both. Such are refused, or said.
+    """Look for blocks of zeros in a file whose black is zero and whose other blocks have none;
+    noise that reaches zero would mix zeros and others. A compressed file is refused, else it is
+    reported in words.
 
-    samples, packed : as of `check_samples`. Raises DecodeError.
+    samples, packed : as for `check_samples`. Raises DecodeError.
     """
     step = _row_step(samples)
     for plane in samples:
@@ -122,9 +122,9 @@ def check_zeros(samples: NDArray[np.generic], name: str, *, packed: bool) -> tup
 
 
 def check_hole(hole_bytes: int, even: int, name: str) -> None:
-    """See that so many zeros in a file stand for samples. Raises DecodeError.
+    """Check that `hole_bytes` zeros in a file can stand for samples. Raises DecodeError.
 
-    even : samples that are white or black, which alone are packed into zeros.
+    even : number of white or black samples; only these are packed into zeros.
     """
     if even < _PER_ZERO * hole_bytes:
         raise DecodeError(
@@ -134,13 +134,13 @@ def check_hole(hole_bytes: int, even: int, name: str) -> None:
 
 
 def _row_step(samples: NDArray[np.generic]) -> int:
-    """Rows of the sensor from one of a plane to the next."""
+    """Rows of the sensor from one row of a plane to the next."""
     return 1 if len(samples) == 1 else 2
 
 
 def _count_held(plane: NDArray[np.generic], black: float, white: float) -> tuple[int, int]:
-    """Samples in blocks of one number that is neither white nor black, in a plane that has others,
-    and the first row with such; 0 of few, and of a plane that is mostly such."""
+    """Number of samples in blocks of one number that is neither white nor black, and the first row
+    with such blocks; 0 if they are few, or most of the plane."""
     top, level = min(0.98 * float(plane.max()), white), max(2.0, 0.002 * (white - black))
     near = plane[:, ::_BLOCK_QUADS].astype(np.float32)
     held_on = (near[:, 1:] == near[:, :-1]) & (near[:, 1:] < top)
@@ -158,7 +158,7 @@ def _count_held(plane: NDArray[np.generic], black: float, white: float) -> tuple
 
 
 def _blocks(rows: NDArray[np.generic]) -> NDArray[np.float64]:
-    """Samples in blocks of neighbours, (blocks, quads); a rest at the end is left out."""
+    """Samples in blocks of neighbours, (blocks, quads); an incomplete last block is left out."""
     count = rows.size // _BLOCK_QUADS
     blocks = rows.ravel()[: count * _BLOCK_QUADS].reshape(count, _BLOCK_QUADS)
     return blocks.astype(np.float64)
@@ -166,8 +166,8 @@ def _blocks(rows: NDArray[np.generic]) -> NDArray[np.float64]:
 
 @contextmanager
 def _fresh_memory(filling: int) -> Iterator[None]:
-    """Have new memory filled with a byte, beside all who want the same one and after all who want
-    another; where the C library cannot, nothing is done."""
+    """Have new memory filled with a byte. Threads that want the same byte share it; those that want
+    another wait. Where the C library cannot, nothing is done."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)
     with _turn:
         _turn.wait_for(lambda: not _users or filling in _users)

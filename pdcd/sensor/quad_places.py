@@ -14,12 +14,12 @@ from pdcd.sensor.bands import run_in_bands
 SNAP = 2.0**30
 """Edges of quads are rounded to this part of a cell: those on edges of pieces then lie on them."""
 _ALIGNED = 1e-9
-"""Of the field: a map that turns a device by less over its whole size is not turned."""
+"""Share of the field: a map that turns a device by less, over its whole size, counts as upright."""
 PLACE_ROWS = 64
 """Rows of quads looked at together; bounds the memory."""
 _NODE_PX, _LEAST_NODES = 8, 64
-"""Distance of the quads whose places are worked out, and least number of them along a side where
-there are so many. Between them the error is below a hundredth of a quad for any usual lens."""
+"""Distance between quads whose places are computed, and the least number of them along a side that
+has as many quads. Between them the error is below a hundredth of a quad for any usual lens."""
 _NOWHERE = -1e3
 """Place, in fields, of quads that a map sends beyond infinity."""
 
@@ -43,8 +43,8 @@ def compute_quad_places(
 def interpolate_between_cells(
     values: NDArray[np.float32], where: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Values of cells (rows, cols) at places of `compute_quad_places`, (h, w): bilinear between the
-    centres of cells, beyond the outermost ones as there."""
+    """Values of cells (rows, cols) at places from `compute_quad_places`, (h, w): bilinear between
+    the centres of cells, constant beyond the outermost centres."""
     x, y = where
     seen = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(seen, dtype=np.float32)
@@ -53,8 +53,8 @@ def interpolate_between_cells(
 def make_axis_weights(
     map_: Map, frame: tuple[int, int], grid: tuple[int, int]
 ) -> tuple[bool, scipy.sparse.csr_array, scipy.sparse.csr_array] | None:
-    """The same along the axes of an upright frame: whether it is a quarter turned, and sparse (h,
-    cells), (w, cells); None for other frames."""
+    """The weights of that interpolation along the axes of an upright frame: whether it is turned by
+    a quarter, and sparse (h, cells), (w, cells); None for other frames."""
     lines = find_upright_axes(map_, grid)
     if lines is None:
         return None
@@ -66,8 +66,8 @@ def make_axis_weights(
 def find_upright_axes(
     map_: Map, grid: tuple[int, int]
 ) -> tuple[bool, tuple[tuple[float, float], tuple[float, float]]] | None:
-    """Start and step in cells, along rows and columns of quads, of a frame whose axes are those of
-    the field, and whether they are exchanged; None for others."""
+    """For a frame whose axes lie along those of the field: whether the axes are exchanged, and
+    start and step in cells along rows and columns of quads; None for other frames."""
     if any(map_.radial) or any(map_.tangential) or map_.residual:
         return None
     a, b, c, d, e, f, g, h, _ = (number / map_.homography[8] for number in map_.homography)
@@ -83,7 +83,7 @@ def find_upright_axes(
 
 
 def _between(count: int, line: tuple[float, float], cells: int) -> scipy.sparse.csr_array:
-    """Weights of the two cells whose centres are beside each quad's, sparse (count, cells)."""
+    """Weights of the two cells whose centres enclose each quad's, sparse (count, cells)."""
     start, step = line
     centre = np.rint((start + step * (np.arange(count) + 0.5)) * SNAP) / SNAP
     at = np.clip(centre - 0.5, 0.0, cells - 1.0)
@@ -98,7 +98,7 @@ def _between(count: int, line: tuple[float, float], cells: int) -> scipy.sparse.
 
 
 class PlaceNodes:
-    """Places of quads, in cells, and how they move from quad to quad: worked out at some quads and
+    """Places of quads, in cells, and their slopes from quad to quad: computed at some quads and
     interpolated between them."""
 
     def __init__(self, map_: Map, frame: tuple[int, int], grid: tuple[int, int]) -> None:
@@ -113,11 +113,11 @@ class PlaceNodes:
         self._down, self._right = _nodes(frame[0], rows.size), _nodes(frame[1], cols.size)
 
     def places(self, rows: slice) -> tuple[Floats, Floats]:
-        """Of the centres of some rows of quads, across and down."""
+        """Places of the centres of some rows of quads, across and down."""
         return self._at(rows, self._place[..., 0]), self._at(rows, self._place[..., 1])
 
     def slopes(self, rows: slice) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
-        """(with x, with y) of the place across, and of that down."""
+        """Slopes (with x, with y) of the place across, and of the place down."""
         slope = self._slope
         across = self._at(rows, slope[..., 0, 0]), self._at(rows, slope[..., 0, 1])
         return across, (self._at(rows, slope[..., 1, 0]), self._at(rows, slope[..., 1, 1]))

@@ -1,13 +1,13 @@
 """RAW file -> linear, signed colour planes: the measurement path.
 
 The samples are taken as the file has them, minus black, and nothing else is done: no white balance,
-no scaling by the frame's own maximum, no clipping of noise below black, no demosaicing. Photos that
-will be subtracted from each other would be spoilt by each of these; they come last, in
+no scaling by the frame's own maximum, no clipping of noise below black, no demosaicing. Each of
+these would spoil photos that are subtracted from each other; they come last, in
 `pdcd.pictures.written.picture_files`.
 
 Black comes from the masked border where the file has a dark one: columns of the sensor that no
-light reaches, exposed with the picture. A number in the file's tags knows nothing of that exposure.
-`pdcd.sensor.mosaic` finds both, and says where figures for one thing disagree.
+light reaches, exposed with the picture. A number in the file's tags does not depend on that
+exposure. `pdcd.sensor.mosaic` finds both, and reports where two values of one level disagree.
 """
 
 from __future__ import annotations
@@ -42,18 +42,19 @@ from pdcd.sensor.tiff import DATE_TAKEN, MODEL
 from pdcd.sensor.whole import measure_hole
 
 RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
-"""How names of RAW files end, in lower case."""
+"""Suffixes of RAW files, in lower case."""
 
 _OF_COLOURS = {4: ((0,), (1, 2), (3,)), 1: ((0,),)}
-"""By the number of planes: those of each colour."""
+"""The planes of each colour, by the number of planes."""
 
 WHOLE_AXIS = slice(None)
 """All rows, or all columns."""
 _NEARLY_WHITE = 0.9
-"""Share of the white level from which samples may end below it."""
+"""Share of the white level above which samples may clip without reaching it."""
 _FEWER_BITS = range(8, 16)
 _FEWEST_CLIPPED, _CLIPPED_TIMES = 16, 8
-"""Samples of the highest number, and times those of the next lower one, that no noise leaves."""
+"""Least number of samples at the highest value that shows clipping, and their least ratio to those
+at the next lower value: noise alone never gives so many."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +62,10 @@ class RawFrame:
     """One decoded photo; one pixel per Bayer quad, or per sample of a sensor without colours.
 
     samples : (P, h, w) uint16
-        4 planes: R, G1 (the green of the red rows), G2, B in DN, black included; `planes` is
-        without. 1 of a sensor without colours. float32
-        of a file whose samples are real numbers or wider, and where black differs within a plane:
-        there what it differs by from the plane's `black` is taken off.
+        4 planes R, G1 (the green of the red rows), G2, B in DN, black included (`planes` has it
+        taken off); 1 plane for a sensor without colours. float32 where the file's samples are real
+        numbers or wider, and where black differs within a plane: there the difference from the
+        plane's `black` is taken off.
     saturated : (h, w) bool
         True where any sample of the quad is at or above saturation.
     black : (P,) float64
@@ -72,9 +73,10 @@ class RawFrame:
         the tags of a DNG say, or LibRaw.
     libraw_black : (P,) float64
         Black level in DN by LibRaw: from tags, or its own mean of a border, cut to whole numbers.
-        As `black` of a file that LibRaw does not read.
+        It equals `black` where LibRaw does not read the file.
     masked, tagged : bool
-        Whether black is that of a masked border; whether that of tags that LibRaw reads otherwise.
+        Whether black is that of a masked border; whether it is that of tags which LibRaw reads
+        differently.
     white : float
         Highest value of a sample in DN, black included.
     iso, exposure_s, f_number, model, date
@@ -83,12 +85,12 @@ class RawFrame:
         How a viewer would turn the picture: 0 not at all, 3 by 180 degrees, 5 by 90 to the left,
         6 by 90 to the right. The planes are not turned: pixels stay where the sensor has them.
     pattern : str
-        Colours of the quad in the file, row by row, e.g. "RGGB"; "" of a sensor without colours.
+        Colours of the quad in the file, row by row, e.g. "RGGB"; "" for a sensor without colours.
     side : int
-        Quads of the file that one here is the mean of, each way; `samples` are float32 where that
-        is more than 1.
+        Quads of the file, each way, whose mean is one quad here; `samples` are float32 where it is
+        more than 1.
     doubts : tuple
-        What the user should know of this file's levels, in words.
+        What the user should know about this file's levels, in words.
     """
 
     samples: NDArray[np.uint16] | NDArray[np.float32]
@@ -115,30 +117,30 @@ class RawFrame:
 
     @property
     def colours(self) -> int:
-        """How many: 3, or 1 of a sensor without colours."""
+        """Number of colours: 3, or 1 for a sensor without colours."""
         return len(_OF_COLOURS[len(self.samples)])
 
     @property
     def planes(self) -> NDArray[np.float32]:
-        """(P, h, w), samples minus black, signed, in DN; made anew every time."""
+        """(P, h, w), samples minus black, signed, in DN; computed anew every time."""
         return self.signal()
 
     def signal(self, rows: slice = WHOLE_AXIS, columns: slice = WHOLE_AXIS) -> NDArray[np.float32]:
-        """The same of some rows and columns of quads."""
+        """The same for some rows and columns of quads."""
         black = self.black.astype(np.float32)[:, None, None]
         return np.subtract(self.samples[:, rows, columns], black, dtype=np.float32)
 
     def without(self, quads: NDArray[np.bool_]) -> RawFrame:
-        """The same where these (h, w) tell nothing, either."""
+        """The photo with these quads (h, w) marked as saturated, too."""
         return replace(self, saturated=self.saturated | quads)
 
     def binned(self, side: int, dead: NDArray[np.bool_] | None = None) -> RawFrame:
-        """The same with squares of `side` x `side` quads in the place of single ones. Rows and
+        """The photo with squares of `side` x `side` quads in place of single quads. Rows and
         columns are multiples of `side`.
 
-        dead : (h, w), quads that are marked as saturated and tell nothing whatever they see. They
-        are left out of the mean, where half of a square is left at least. Of a square with a quad
-        that light has saturated nothing is known, as that quad is the brightest of it.
+        dead : (h, w), quads marked as saturated that do not follow the light. They are left out of
+        the mean if at least half of the square is left. A square with a quad that light saturated
+        is saturated: that quad is its brightest, and the mean without it would be too low.
         """
         rows, cols = (length // side for length in self.frame)
         samples = np.zeros((len(self.samples), rows, cols), np.float32)
@@ -159,7 +161,7 @@ class RawFrame:
         return replace(self, samples=samples, saturated=saturated, side=self.side * side)
 
     def exif(self) -> dict[str, object]:
-        """What the manifest keeps of it."""
+        """What the manifest records of the photo."""
         black_from = "masked border" if self.masked else "tags" if self.tagged else "LibRaw"
         return {
             "model": self.model,
@@ -190,20 +192,21 @@ def read_raw(
     Parameters
     ----------
     path
-        Any RAW format LibRaw knows. Of an image with an odd number of rows or columns the last one
-        is left out, and so are masked borders. A DNG's image is its ActiveArea, wherever that
-        begins; of others in the middle of a quad LibRaw leaves out the first row or column. The
+        Any RAW format LibRaw knows. The last row or column of an odd number is left out, and so are
+        masked borders. A DNG's image is its ActiveArea, wherever that begins; where the image of
+        another format begins amid a quad, LibRaw leaves out the first row or column. The
         orientation tag is not followed.
     sha256, size_bytes
-        What the file must be, as announced when it was fetched. Without them a file is refused that
-        is shorter than its headers say, or whose samples cannot be; no damage beside is noticed.
+        What the file must be, as announced when it was fetched. Without them a file is refused only
+        if it is shorter than its headers say, or has impossible samples; other damage goes
+        unnoticed.
     saturation_dn
         Signal in DN above black from which a sample counts as saturated
         (`SensorProfile.saturation_dn`); the file's white level counts in any case.
     most_samples
-        More of a sensor are not unpacked: a small file may hold gigabytes of one and the same.
+        More samples than this are not unpacked: a small file may hold gigabytes of one number.
     data
-        What is in the file, where it is in memory alone and `path` is only its name.
+        The file's bytes, where it exists only in memory and `path` is just its name.
 
     Raises
     ------
@@ -229,14 +232,14 @@ def read_raw(
 
 @dataclass(frozen=True)
 class RawHead:
-    """What a RAW file says of its picture before a sample is unpacked.
+    """What a RAW file says of its picture before its samples are unpacked.
 
-    frame, flip, model : as of `RawFrame`.
+    frame, flip, model : as in `RawFrame`.
     masked : (rows, columns) of samples of the sensor that lie beyond the picture, masked borders
         among them.
-    colours : as of `RawFrame`.
-    iso, exposure_s, f_number : as of `RawFrame`; of a file that is not built on TIFF its samples
-        are unpacked.
+    colours : as in `RawFrame`.
+    iso, exposure_s, f_number : as in `RawFrame`; a file that is not built on TIFF is unpacked for
+        them.
     """
 
     frame: tuple[int, int]
@@ -266,7 +269,7 @@ def read_raw_head(path: Path, *, sha256: str | None = None, data: bytes | None =
         (height, width), grey = find_picture(raw)[1], is_grey(raw)
         side = 1 if grey else 2
         if tags is None:
-            raw.libraw.unpack()  # LibRaw tells its time no earlier
+            raw.libraw.unpack()  # LibRaw reports the exposure time no earlier
         said = read_exposure(raw) if tags is None else read_tagged_exposure(tags)
     return RawHead(
         frame=(height // side, width // side),
@@ -296,7 +299,7 @@ def _read_checked(
 
 
 def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFrame:
-    """Planes and metadata of an open file; everything is copied, as LibRaw's memory goes away."""
+    """Planes and metadata of an open file; all is copied, as LibRaw frees its memory."""
     step = mosaic.step
     height, width = mosaic.size[0] // step, mosaic.size[1] // step
     sensor, uneven = mosaic.sensor, mosaic.uneven
@@ -343,9 +346,9 @@ def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFra
 
 
 def _with_clipped_samples(frame: RawFrame) -> RawFrame:
-    """The same where samples end a little below the white level, as 12 bits that were shifted left
-    end at 65520, or at the highest number of fewer bits than told: of these there are far more than
-    of the number below, and they are saturated."""
+    """The photo with its highest samples marked as saturated, where samples clip below the white
+    level: a little below, as 12 bits shifted left end at 65520, or at the highest number of fewer
+    bits than stated. Far more samples then have that number than the next lower one."""
     most = float(frame.samples.max(initial=0))
     near = most >= _NEARLY_WHITE * frame.white or math.log2(most + 1.0) in _FEWER_BITS
     if not near or most >= frame.white:
@@ -360,7 +363,7 @@ def _with_clipped_samples(frame: RawFrame) -> RawFrame:
 
 
 def _check_frame(raw: RawInput, mosaic: Mosaic, frame: RawFrame) -> tuple[str, ...]:
-    """Refuse samples that are none of a photo, and say what is odd. Raises DecodeError."""
+    """Refuse samples that cannot be a photo's; return what is odd, in words. Raises DecodeError."""
     packed = raw.found.packed
     odd = check_samples(frame.samples, mosaic.black, mosaic.white, raw.name, packed=packed)
     # Cameras without noise write a DNG of whole numbers in one piece.
@@ -412,8 +415,8 @@ def compute_colour_variance(
 ) -> NDArray[np.floating]:
     """Variance of `to_colours(planes, factors)` by the sensor's noise model, (h, w, C) of `dtype`.
 
-    The measured samples stand in for the expected ones, so that the photon part is itself noisy
-    (and a little high where there is no light). Raises `ConfigError` for an unknown ISO.
+    The measured samples stand in for the expected ones, so the photon part is itself noisy (and a
+    little high where there is no light). Raises `ConfigError` for an unknown ISO.
     """
     of_colours = _OF_COLOURS[len(planes)]
     out = np.empty((len(of_colours), *planes.shape[1:]), dtype)
@@ -439,7 +442,7 @@ def _variance_single(
     factor: float,
     out: NDArray[np.floating],
 ) -> None:
-    """The same of one channel in single precision: the model is a straight line above black."""
+    """The same for one channel, in single precision: the model is a straight line above black."""
     dark, unit = (
         compute_variance_dn2([0.0, 1.0], profile, iso, exposure_s) * (factor / len(which)) ** 2
     )

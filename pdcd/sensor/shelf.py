@@ -10,10 +10,10 @@ from pdcd.sensor.raw import RawFrame, RawHead, read_raw, read_raw_head
 
 
 class PhotoShelf:
-    """The RAW files of one run by their paths below its folder.
+    """The RAW files of one run, by their paths below its folder.
 
-    Whoever takes photos that are not kept holds their bytes here: they are read as the files would
-    be. Paths are those of the run's record; digests are those that the files had, or would have.
+    The bytes of photos whose files are not kept are held here, and read as the files would be.
+    Paths are those of the run's record; digests are those that the files have, or would have.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -21,14 +21,14 @@ class PhotoShelf:
         self._held: dict[str, bytes] = {}
 
     def hold(self, raw: str, data: bytes | None) -> None:
-        """Read that photo from these bytes from now on; None: from its file."""
+        """Read this photo from these bytes from now on; None: from its file."""
         if data is None:
             self._held.pop(raw, None)
         else:
             self._held[raw] = data
 
     def held(self, raw: str) -> bytes | None:
-        """What that photo is read from; None for its file."""
+        """The bytes that this photo is read from; None where it is read from its file."""
         return self._held.get(raw)
 
     def list_all(self) -> Iterator[tuple[str, bytes]]:
@@ -48,7 +48,7 @@ class PhotoShelf:
         size_bytes: int | None = None,
         saturation_dn: float | None = None,
     ) -> RawFrame:
-        """As `read_raw`, of that photo. Raises DecodeError."""
+        """`read_raw` for this photo. Raises DecodeError."""
         return read_raw(
             self._folder / raw,
             sha256=sha256,
@@ -58,5 +58,5 @@ class PhotoShelf:
         )
 
     def read_head(self, raw: str, *, sha256: str | None = None) -> RawHead:
-        """As `read_raw_head`, of that photo. Raises DecodeError."""
+        """`read_raw_head` for this photo. Raises DecodeError."""
         return read_raw_head(self._folder / raw, sha256=sha256, data=self._held.get(raw))

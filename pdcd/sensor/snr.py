@@ -55,9 +55,9 @@ EXPOSED_SHARE = 0.13
 SHIFTS_PER_CODE = 4
 """Printed codes for one independent code: each is shown once per quarter of the mask's cell."""
 LCD_TRANSMISSION = 0.5
-"""What the paper's LCD mask lets through, relative to its appendix' ideal mask ("about half")."""
+"""Light that the paper's LCD mask passes, relative to its appendix' ideal mask ("about half")."""
 DIM = 0.1
-"""Exposure of the appendix' second pair of procedures, over that of the first."""
+"""Exposure of the appendix' second pair of procedures, relative to the first."""
 
 
 class SnrPixel(msgspec.Struct, frozen=True, kw_only=True):
@@ -114,7 +114,7 @@ class SnrReading(msgspec.Struct, frozen=True):
 
     @property
     def snr_db(self) -> float:
-        """Ratio of the module's docstring, dB."""
+        """The ratio defined in the module's docstring, dB."""
         variance_e2 = self.signal_e + self.additive_e**2 + self.thermal_e2
         return 10.0 * math.log10(self.signal_e / math.sqrt(variance_e2))
 
@@ -145,7 +145,7 @@ def compute_primal_dual_pair(
 ) -> SnrReading:
     """Difference of the two photos of a signed goal, half of the exposure each.
 
-    Together they hold what one photo holds, for the appendix' even light. Raises as
+    With the appendix' even light, both together hold as much charge as one photo. Raises as
     `compute_primal_dual_photo`.
     """
     photo = compute_primal_dual_photo(pixel, read_noise_e, thermal, transmission)
@@ -153,7 +153,7 @@ def compute_primal_dual_pair(
 
 
 def compute_short_photo(pixel: SnrPixel, read_noise_e: float, thermal: Thermal) -> SnrReading:
-    """One of the mask-less photos (the appendix' MI), of those that hold the pixel's signal."""
+    """One mask-less photo (the appendix' MI), among those that contain the pixel's signal."""
     dark_e2 = _thermal_e2(pixel, pixel.exposure_s / pixel.codes, thermal)
     return SnrReading(pixel.signal_e / pixel.used_photos, read_noise_e, dark_e2)
 
@@ -166,7 +166,7 @@ def compute_masked_sum(pixel: SnrPixel, read_noise_e: float, thermal: Thermal) -
 
 
 def compute_signed_sum(pixel: SnrPixel, read_noise_e: float, thermal: Thermal) -> SnrReading:
-    """Sum of all mask-less photos with weights 1 and -1; its noise depends on no sign."""
+    """Sum of all mask-less photos with weights 1 and -1; its noise does not depend on the signs."""
     dark_e2 = _thermal_e2(pixel, pixel.exposure_s, thermal)
     return SnrReading(2.0 * pixel.signal_e, math.sqrt(pixel.codes) * read_noise_e, dark_e2)
 
@@ -188,10 +188,10 @@ def break_even_read_noise_e(
     """Read noise, e-, at which primal-dual and mask-less photos have the same SNR.
 
     Both have that read noise. Above it the mask pays, below it mask-less photos are as good or
-    better. 0.0: there is none, the mask pays at any read noise. inf: there is none, it never pays.
+    better. 0.0: the mask pays at any read noise. inf: it never pays.
 
     With S and R the signals, v and w the dark variances, m and n the numbers of photos read,
-    squaring ``S / sqrt(S + m a^2 + v) = R / sqrt(R + n a^2 + w)`` leaves one linear in a^2.
+    squaring ``S / sqrt(S + m a^2 + v) = R / sqrt(R + n a^2 + w)`` gives an equation linear in a^2.
     Raises `ConfigError` when `transmission` is not in (0, 1].
     """
     if goal == "masked":
@@ -236,7 +236,7 @@ def highest_signal_e(profile: SensorProfile, iso: int) -> float:
 def make_sensor_pixel(
     profile: SensorProfile, iso: int, *, codes: int, exposure_s: float, signal_e: float | None
 ) -> SnrPixel:
-    """A pixel of this sensor; without `signal_e` as well exposed at this ISO as the appendix'.
+    """A pixel of this sensor; without `signal_e` it is as well exposed as the appendix' pixel.
 
     Raises `ConfigError` when a number makes no sense, the profile has no such ISO, or the signal
     saturates it.
@@ -255,9 +255,9 @@ def make_sensor_pixel(
 
 
 def find_quiet_iso(profile: SensorProfile, signal_e: float) -> int:
-    """The ISO of least read noise among those that hold the signal; the lowest of equals.
+    """The ISO of least read noise at which the signal does not saturate; the lowest of equals.
 
-    Raises `ConfigError` when none holds it.
+    Raises `ConfigError` when it saturates at every ISO.
     """
     rows = [row for row in profile.rows if highest_signal_e(profile, row.iso) >= signal_e]
     if not rows:
@@ -273,8 +273,8 @@ def compute_sensor_rows(
 ) -> tuple[SensorRow, ...]:
     """The appendix' procedures on any sensor.
 
-    The photo is taken at `iso`; mask-less photos at that ISO and at the quietest one that holds
-    them; with a tenth of the light, all at the quietest ISO that holds the photo.
+    The photo is taken at `iso`; mask-less photos at that ISO and at the quietest one where they do
+    not saturate; with a tenth of the light, all at the quietest ISO where the photo does not.
     Raises `ConfigError` when the profile has no such ISO, the pixel saturates it, or `transmission`
     is not in (0, 1].
     """

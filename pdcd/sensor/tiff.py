@@ -1,7 +1,7 @@
-"""The tags of a file built on TIFF: DNG, CR2, NEF, ARW, and RW2 and ORF, which begin otherwise.
+"""The tags of a file built on TIFF: DNG, CR2, NEF, ARW, and RW2 and ORF, whose first bytes differ.
 
-LibRaw's Python binding leaves out the camera's name, the date and the masked borders, and it does
-not tell a file that is still being written from one that is damaged. Source: TIFF 6.0, section 2;
+LibRaw's Python binding leaves out the camera's name, the date and the masked borders, and it cannot
+tell a file that is still being written from a damaged one. Source: TIFF 6.0, section 2;
 Adobe DNG specification 1.4, chapter 4.
 """
 
@@ -31,12 +31,12 @@ TILE_WIDTH, TILE_LENGTH, TILE_OFFSETS, TILE_BYTES = 322, 323, 324, 325
 CFA_DIM, CFA_PATTERN, CFA_LAYOUT, ACTIVE_AREA = 33421, 33422, 50711, 50829
 DNG_VERSION, LINEARIZATION, CANON_SLICES = 50706, 50712, 50752
 INTERLEAVES = 50974, 50975, 52547
-"""How blocks, rows and columns of a DNG are stored in another order."""
+"""Tags of a DNG whose blocks, rows or columns are stored in another order."""
 RW2_WIDTH, RW2_HEIGHT, RW2_BITS, RW2_FORMAT, RW2_DATA = 2, 3, 10, 45, 280
 BLACK_DIM, BLACK_LEVEL, WHITE_LEVEL = 50713, 50714, 50717
 BLACK_DELTA_H, BLACK_DELTA_V = 50715, 50716
 OPCODES = 51008
-"""OpcodeList1: what is to be done to samples as they are stored. Kept as the numbers of what."""
+"""OpcodeList1: operations on the samples as stored. Only the numbers of the opcodes are kept."""
 _DATA = ((273, 279), (324, 325), (513, 514))  # offsets and lengths of strips, tiles, a preview
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
 _NUMBERS = {1: "B", 3: "H", 4: "I", 5: "II", 13: "I"}
@@ -45,17 +45,18 @@ _LEVELS = frozenset({BLACK_LEVEL, BLACK_DELTA_H, BLACK_DELTA_V, WHITE_LEVEL, F_N
 """Tags that may be fractions; kept as real numbers, NaN for one without a denominator."""
 _ASCII, _UNDEFINED = 2, 7
 _MOST_OPCODES = 64
-"""Of a list; real ones have fewer than ten."""
+"""Most opcodes of a list that are read; real lists have fewer than ten."""
 _MAX_DIRECTORIES = 64
-"""Real files have fewer than ten; a damaged one may chain them without end."""
+"""Most directories that are read: real files have fewer than ten, a damaged one may chain them
+without end."""
 _MOST_ENTRIES, _MOST_NUMBERS = 2**10, 2**20
-"""Of a directory, and in all tags that are kept: real ones have some hundred, and the places and
-lengths of some thousand strips. A file that speaks of more would be read for hours, or into
-gigabytes: all of them can point to the same bytes."""
+"""Most entries of a directory, and most numbers in all tags that are kept. Real directories have
+some hundred entries, and the places and lengths of some thousand strips. A file that claims more
+could take hours or gigabytes to read, as all entries may point to the same bytes."""
 _NOWHERE = 0xFFFFFFFF
-"""A place that another tag tells."""
+"""A place that is given by another tag."""
 _RW2 = b"IIU\0"
-"""How files begin whose lengths of strips need not be true."""
+"""First bytes of files whose lengths of strips need not be true."""
 _KEPT = {
     MODEL, _EXIF, _SUB, DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME, ISO, SUBFILE_TYPE, IMAGE_WIDTH,
     IMAGE_LENGTH, BITS, COMPRESSION, PHOTOMETRIC, SAMPLES_PER_PIXEL, ROWS_PER_STRIP, FILL_ORDER,
@@ -74,10 +75,10 @@ class TiffTags:
     """Tags of all directories of a file.
 
     directories : numbers or text of each tag this module knows, one dictionary a directory.
-    needs_bytes : where the data that the directories speak of end. A file that is shorter is not
-        whole; one that a directory of lies behind the end needs one byte more than it has.
+    needs_bytes : where the data that the directories refer to end. A shorter file is not whole; if
+        a directory lies beyond the end, this is one byte more than the file has.
     canon : whether it is a CR2.
-    order : of the bytes of a number, "<" or ">".
+    order : byte order of numbers, "<" or ">".
     """
 
     directories: tuple[TiffDirectory, ...]
@@ -95,7 +96,7 @@ class TiffTags:
 
     @property
     def f_number(self) -> float | None:
-        """The stop that the camera says; None where it says none, or one that is no number."""
+        """The stop that the camera gives; None where it gives none, or no valid number."""
         for directory in self.directories:
             if said := read_reals(directory, F_NUMBER):
                 return said[0] if math.isfinite(said[0]) and said[0] > 0.0 else None
@@ -103,26 +104,26 @@ class TiffTags:
 
     @property
     def says_f_number(self) -> bool:
-        """Whether there is a tag for the stop, whatever it says."""
+        """Whether there is a tag for the stop, whatever its value."""
         return any(F_NUMBER in directory for directory in self.directories)
 
     @property
     def exposure_s(self) -> float:
-        """How long the camera says that it exposed; 0 where it says nothing."""
+        """The exposure time that the camera gives; 0 where it gives none."""
         said = self.numbers(EXPOSURE_TIME)
         return said[0] / said[1] if len(said) == 2 and said[1] else 0.0
 
 
 def read_tags(data: bytes) -> TiffTags | None:
-    """The tags of a file's bytes; None for one that does not begin like TIFF. Never raises."""
+    """The tags of a file's bytes; None for a file that does not begin like TIFF. Never raises."""
     order = _ORDERS.get(data[:4])
     if order is None:
         return None
     canon = data[8:10] == b"CR"
     found: list[TiffDirectory] = []
     needs = 8
-    # Where a directory is, and whether another one may follow it: those below another have none,
-    # and some cameras leave anything in that place.
+    # Where a directory is, and whether another one may follow it. None follows a directory below
+    # another one; some cameras leave anything in that place.
     ahead = [(_number(order, data, 4), True)]
     if canon:
         ahead.append((_number(order, data, 12), True))  # the directory of the RAW image
@@ -146,7 +147,7 @@ def read_tags(data: bytes) -> TiffTags | None:
 
 
 def read_numbers(directory: TiffDirectory, tag: int) -> tuple[int, ...]:
-    """The whole numbers under a tag of a directory, a fraction as two; empty when there are none.
+    """The whole numbers under a tag of a directory, two for a fraction; empty when there are none.
 
     For readers of forms of RAW files, which look at one directory at a time.
     """
@@ -155,13 +156,13 @@ def read_numbers(directory: TiffDirectory, tag: int) -> tuple[int, ...]:
 
 
 def read_reals(directory: TiffDirectory, tag: int) -> tuple[float, ...]:
-    """The same of a tag whose numbers may be fractions: a black or white level, a stop."""
+    """The same for a tag whose numbers may be fractions: a black or white level, a stop."""
     return read_numbers(directory, tag)
 
 
 def _directory(order: str, data: bytes, start: int, most: int) -> tuple[TiffDirectory, int, int]:
-    """One directory: its tags with so many numbers at most, the end of what it speaks of, and where
-    the next one is (or 0)."""
+    """One directory: its tags, with at most `most` numbers in all; the end of the data that it
+    refers to; and where the next directory is (or 0)."""
     directory: TiffDirectory = {}
     if start + 2 > len(data):
         return directory, len(data) + 1, 0
@@ -178,7 +179,7 @@ def _directory(order: str, data: bytes, start: int, most: int) -> tuple[TiffDire
         end = max(end, at + size)
         if tag not in _KEPT or at + size > len(data):
             continue
-        if tag == OPCODES:  # as long as it likes; little of it is kept
+        if tag == OPCODES:  # of any length: little of it is kept
             if kind == _UNDEFINED:
                 directory[tag] = _list_opcodes(data[at : at + size])
             continue
@@ -202,7 +203,7 @@ def _directory(order: str, data: bytes, start: int, most: int) -> tuple[TiffDire
 
 
 def _list_opcodes(said: bytes) -> tuple[int, ...]:
-    """Numbers of what a list of opcodes asks for; it is big-endian in any file."""
+    """Numbers of the opcodes in a list; the list is big-endian in any file."""
     found: list[int] = []
     at = 4
     for _ in range(min(_number(">", said, 0), _MOST_OPCODES)):
@@ -214,7 +215,7 @@ def _list_opcodes(said: bytes) -> tuple[int, ...]:
 
 
 def _as_reals(numbers: tuple[float, ...], parts: int) -> tuple[float, ...]:
-    """Numbers, or fractions of two, as real ones."""
+    """Numbers, or fractions of two numbers each, as real numbers."""
     if parts == 1:
         return tuple(float(number) for number in numbers)
     pairs = zip(numbers[::2], numbers[1::2], strict=True)
@@ -222,5 +223,5 @@ def _as_reals(numbers: tuple[float, ...], parts: int) -> tuple[float, ...]:
 
 
 def _number(order: str, data: bytes, at: int) -> int:
-    """The 32-bit number there; 0 behind the end."""
+    """The 32-bit number at that place; 0 beyond the end."""
     return int(struct.unpack_from(order + "I", data, at)[0]) if at + 4 <= len(data) else 0

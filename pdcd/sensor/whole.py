@@ -1,8 +1,8 @@
 """Is all of a RAW file there? By what its own headers say, whatever it is built on.
 
-A decoder fills what it does not find with what lies in memory, and a file that is still being
-written may have its full length with nothing in it: Windows, network shares and download tools make
-it so first, and fill it later. Sources: TIFF 6.0; ISO 14496-12 (boxes of CR3);
+A decoder leaves samples that it does not find as they are in memory. And a file that is still being
+written may already have its full length: Windows, network shares and download tools set the length
+first, and fill the file later. Sources: TIFF 6.0; ISO 14496-12 (boxes of CR3);
 the public descriptions of RAF and RW2.
 """
 
@@ -23,18 +23,18 @@ from pdcd.sensor.tiff import TiffDirectory, TiffTags, read_numbers, read_tags
 _BLOCK_BYTES = 1024
 """Holes are looked for in steps of this."""
 _HOLE_BYTES = 128 * _BLOCK_BYTES
-"""Zeros in a row that no padding has; of small files a 64th of the data, and 4 KiB at least."""
+"""More zeros in a row than any padding has; in small files a 64th of the data, at least 4 KiB."""
 _GAP_BYTES, _END_BYTES = 2**16, 2**12
-"""So many zeros amid samples, or at their end, are samples that are still to come: real ones have
-noise, and packed ones end with a mark."""
+"""This many zeros amid samples, or at their end, show that samples are still missing: real samples
+have noise, and packed ones end with a mark."""
 _RW2_BLOCKS = {4: (14, 14), 5: (10, 9), 6: (14, 11), 7: (10, 9)}
-"""Samples in 16 bytes by RW2's number of its way to pack them: of 12 bits, and of more. Those of
-5 fill up the last bytes of a row, others leave them out."""
+"""Samples in 16 bytes, of 12 bits and of more, by the number of RW2's packing. Packing 5 pads the
+last bytes of a row, the others leave them out."""
 _READY_MADE = 2, 6
-"""Kinds of pixels whose colours are made already."""
+"""Kinds of pixels that already have all colours."""
 _EXIF_REACH = 1 << 20
 _MOST_BOXES = 1000
-"""Of a CR3, which has a dozen."""
+"""Most boxes of a CR3 that are read; real ones have a dozen."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class RawData:
     """Where the packed samples of a file lie.
 
     parts : offset and bytes of each. packed : whether they are compressed. sure : whether the
-    headers tell all bytes that are needed, so that one that is missing is noticed. jpegs : those
-    of the parts that must be lossless JPEG.
+    headers give the bytes that are needed, so that any missing one is noticed. jpegs : the parts
+    that must be lossless JPEG.
     """
 
     parts: tuple[tuple[int, int], ...]
@@ -55,7 +55,7 @@ class RawData:
 def check_whole(data: bytes, tags: TiffTags | None, name: str) -> RawData:
     """Find the packed samples of a file called `name`. Raises DecodeError where it is too short.
 
-    tags : what `read_tags` makes of it. For `pdcd.sensor.mosaic`, before it looks at anything else.
+    tags : what `read_tags` returned. For `pdcd.sensor.mosaic`, before it looks at anything else.
     """
     found, needs = _find_parts(data, tags)
     hint = "fetch it from the camera again"
@@ -70,10 +70,10 @@ def check_whole(data: bytes, tags: TiffTags | None, name: str) -> RawData:
 
 
 def find_gap(data: bytes) -> str:
-    """What of a file is not there yet, in words; "" where all may be.
+    """What is still missing from a file, in words; "" where it may be complete.
 
-    For drivers that find files which something else writes. Of a form that is not known all of it
-    is looked at.
+    For drivers that find files which something else writes. A file of unknown form is searched as a
+    whole.
     """
     if not data:
         return "it is empty"
@@ -94,8 +94,8 @@ def find_gap(data: bytes) -> str:
 
 
 def _find_overlap(data: bytes, tags: TiffTags | None) -> str:
-    """Whether strips or tiles lie over each other, in words: a small file would have samples
-    without end, each of which is read. A preview may be told of twice."""
+    """Whether strips or tiles overlap, in words: a small file could then claim endless samples, all
+    of which would be read. A preview may be listed twice."""
     images = {tuple(_list_parts(directory)) for directory in tags.directories} if tags else ()
     if sum(size for image in images for _, size in image) > 2 * len(data):
         return "its strips or tiles lie over each other"
@@ -114,7 +114,7 @@ def _find_zeros(part: bytes, end_bytes: int) -> str:
 
 
 def _find_parts(data: bytes, tags: TiffTags | None) -> tuple[RawData, int]:
-    """Where packed samples lie, and how many bytes the headers speak of."""
+    """Where packed samples lie, and how many bytes the headers refer to."""
     if tags is None:
         return _find_other(data)
     found, needs = _find_rw2(data, tags) if data[:4] == b"IIU\0" else (_find_tiff(tags), 0)
@@ -122,7 +122,7 @@ def _find_parts(data: bytes, tags: TiffTags | None) -> tuple[RawData, int]:
 
 
 def find_stop_tags(data: bytes, tags: TiffTags | None) -> TiffTags | None:
-    """The tags that tell the stop: of RAF and CR3, those of the EXIF data within."""
+    """The tags that give the stop; in RAF and CR3 those of the EXIF data inside."""
     if tags is not None:
         return tags
     for mark in (b"CMT2", b"Exif\0\0"):
@@ -132,7 +132,7 @@ def find_stop_tags(data: bytes, tags: TiffTags | None) -> TiffTags | None:
 
 
 def measure_hole(data: bytes, found: RawData) -> int:
-    """Bytes of the longest run of zeros in compressed samples that is no padding; 0 of none.
+    """Bytes of the longest run of zeros in compressed samples, unless it is padding; else 0.
 
     Only samples that are all white, or all black, are packed into so many zeros.
     """
@@ -158,7 +158,7 @@ def measure_hole(data: bytes, found: RawData) -> int:
 
 
 def _find_tiff(tags: TiffTags) -> RawData:
-    """Of the image that takes most of the file; a CR2's is lossless JPEG."""
+    """Samples of the image that takes most of the file; a CR2's image is lossless JPEG."""
     best: list[tuple[int, int]] = []
     jpegs: list[tuple[int, int]] = []
     packed = True
@@ -190,7 +190,7 @@ def _list_all_parts(tags: TiffTags) -> list[tuple[int, int]]:
 
 
 def _list_filled_parts(tags: TiffTags) -> Iterator[tuple[int, int]]:
-    """Those that are never zeros alone: a preview of a dark photo that is not compressed is."""
+    """Parts that never hold only zeros, as an uncompressed preview of a dark photo may do."""
     for directory in tags.directories:
         packing, kind = (
             (*read_numbers(directory, tag), 1)[0] for tag in (tiff.COMPRESSION, tiff.PHOTOMETRIC)
@@ -200,7 +200,8 @@ def _list_filled_parts(tags: TiffTags) -> Iterator[tuple[int, int]]:
 
 
 def _find_rw2(data: bytes, tags: TiffTags) -> tuple[RawData, int]:
-    """Of an RW2: packed so that each sample takes as many bits, except by the newest cameras."""
+    """Samples of an RW2, and bytes it needs: each sample takes the same number of bits, except in
+    files of the newest cameras."""
 
     def one(tag: int, otherwise: int = 0) -> int:
         return (*tags.numbers(tag), otherwise)[0]
@@ -216,7 +217,7 @@ def _find_rw2(data: bytes, tags: TiffTags) -> tuple[RawData, int]:
 
 
 def _find_other(data: bytes) -> tuple[RawData, int]:
-    """Of RAF and CR3; of any other file nothing is known."""
+    """Samples of RAF and CR3; nothing is known of any other file."""
     if data.startswith(b"FUJIFILMCCD-RAW"):
         pairs = [struct.unpack_from(">2I", data.ljust(108, b"\0"), at) for at in (84, 92, 100)]
         needs = max(108, *(offset + size for offset, size in pairs))
@@ -232,7 +233,7 @@ def _find_other(data: bytes) -> tuple[RawData, int]:
 
 
 def _list_boxes(data: bytes) -> Iterator[tuple[bytes, int, int]]:
-    """Kind, place and length of each box, as far as there is one."""
+    """Kind, place and length of each box, up to the end of the file."""
     at = 0
     for _ in range(_MOST_BOXES):
         if at >= len(data):
