@@ -50,9 +50,9 @@ from pdcd.presenter.xgrab import PICTURES, reserve_pictures
 _START_S = 30.0
 """How long opening the panels may take: libraries, windows, and 30 frames for each time source."""
 LOAD_S = 20.0
-"""Bound of handing over all patterns, which takes 0.1 s for 65536 codes."""
+"""Longest time to hand over all patterns; 65536 codes take 0.1 s."""
 _LEAD_IN = 2
-"""Black refreshes before the first row: they give it a vblank to be timed against."""
+"""Black refreshes before the first row, so that there is a vblank to time it against."""
 
 RowNumbers = NDArray[np.int32]
 Log = NDArray[np.int64]
@@ -62,7 +62,7 @@ _lost = partial(DeviceLost, device="display")
 
 
 def make_open_request(config: Config) -> Open:
-    """What the display process is asked to open. Raises ConfigError."""
+    """The request to open a configuration's panels. Raises ConfigError."""
     options = read_x11_options(config)
     if config.rig.clock != "real":
         raise ConfigError(
@@ -78,10 +78,10 @@ def make_open_request(config: Config) -> Open:
 
 
 class DisplayProcess:
-    """One display process. Every method raises DeviceLost when it is gone, and then it is dead.
+    """One display process. Every method raises DeviceLost when the process is gone.
 
-    `alive()` is called at least ten times a second while its answer is waited for; `look()` in its
-    place while it starts, which takes seconds, and is broken off by what that raises.
+    `alive()` is called at least ten times a second while an answer is awaited. During the start,
+    which takes seconds, `look()` is called instead; an exception from it ends the start.
     """
 
     def __init__(
@@ -179,7 +179,7 @@ class DisplayProcess:
         try:
             self._watch(head, count, progress, cancelled)
         except BaseException:
-            # Whoever was told of the progress failed, or a signal came: black now, not in the end.
+            # `progress` or `cancelled` raised, or a signal came: go black now, not at the end.
             head[Head.STOP] = 1
             self._end_pass()
             raise
@@ -203,7 +203,7 @@ class DisplayProcess:
                 return
             except PdcdError:
                 self.kill()
-        # Its windows went with it, and the screen's own black shows; if there is still a screen.
+        # Its windows are gone with it, so the screen's own black shows, if there is still a screen.
         close_x_connection(open_x_connection(self._display))
 
     def close(self) -> None:
@@ -227,7 +227,7 @@ class DisplayProcess:
         progress: Callable[[int, int], None],
         cancelled: Callable[[], bool],
     ) -> None:
-        """Wait for the end of a pass; tell how far it is, and see that it goes on."""
+        """Wait for the end of a pass; report its progress, and kill the process if it hangs."""
         seen, seen_s, asked_to_stop = -1, time.monotonic(), False
         while not self._line.wait(LOOK_INTERVAL_S):
             shown = int(head[Head.SHOWN])
@@ -248,11 +248,11 @@ class DisplayProcess:
                     asked_to_stop = True
 
     def _end_pass(self) -> None:
-        """Wait for the end of a pass that was told to stop, so that no later request takes its
-        answer for its own."""
+        """Wait for the end of a pass that was told to stop, so that no later request receives its
+        answer."""
         if not self.alive:
             return
-        with suppress(PdcdError):  # why the pass was told to stop is what counts
+        with suppress(PdcdError):  # the reason for stopping is the better error
             self._reply(self._hang_s)
 
     def _ask(self, message: DisplayRequest, within_s: float, fd: int | None = None) -> DisplayReply:
@@ -263,7 +263,7 @@ class DisplayProcess:
         try:
             self._line.send(message, fd)
         except LineClosedError:
-            # What it said before it ended is still there to be read: that is the better error.
+            # Its last message can still be read: that is the better error.
             self._reply()
             raise self._gone() from None
         finally:
@@ -273,8 +273,8 @@ class DisplayProcess:
     def _reply(self, within_s: float | None = None) -> DisplayReply:
         """Take one reply; a failure becomes the error it stands for.
 
-        Where the wait is broken off, by a signal, say, the process is killed: nobody is left for
-        its answer, which a later request would take for its own.
+        If the wait is interrupted, by a signal, say, the process is killed: otherwise a later
+        request would receive this answer.
         """
         try:
             reply = self._line.receive(within_s=within_s, alive=self._pulse)

@@ -2,9 +2,9 @@
 
 A source also sets the pace: `put` hands over what was drawn, `shown` returns once the oldest frame
 handed over is on the panels, with `ns` and `msc` of the vblank at which that began. From best to
-worst: the display system tells when each swap was shown, the vblank is known but not which swap it
-took, or there is only the processor's clock. What a server advertises is not believed: a source is
-taken when 30 frames come back from it as they should.
+worst: the display system reports when each swap was shown; the vblank is known but not which swap
+it took; or there is only the processor's clock. What a server advertises is not believed: a source
+is used only after 30 frames through it have come back as they should.
 """
 
 from __future__ import annotations
@@ -21,20 +21,21 @@ from pdcd.presenter.xpresent import KIND_MSC, KIND_PIXMAP, PresentEvents
 
 _WARM_UP_FRAMES = 30
 _ROUNDS = 3
-"""How often a source that keeps the period, but not every refresh, is tried."""
+"""How many times a source is tried that keeps the period but misses refreshes."""
 _PERIOD_TOLERANCE = 0.02
-"""Largest relative error of the period of a source that is believed."""
+"""Largest relative error of the period at which a source is believed."""
 _SPIN_NS = 50_000
-"""A process of real-time priority wakes up to this late: the rest is spent looking at the clock."""
+"""A real-time process may wake this late, so it polls the clock for as long instead of sleeping."""
 _LATE = 0.25
 """Part of a refresh by which a swap may follow its vblank and still count as in time."""
 EARLY_NS = 2_000_000
-"""Vblanks that servers make up scatter by a millisecond; those earlier still are waited for."""
+"""Vblanks that a server makes up scatter by a millisecond; one reported earlier than this is
+waited for."""
 _VBLANK_TRIES = 4
-"""Vblanks that may be late in a row; then the grid they are measured against has moved."""
+"""Vblanks that may be late in a row; after that, the grid they are measured against has moved."""
 _EVENT_TIMEOUT_S = 0.5
 _SETTLED_S = 0.05
-"""Three refreshes: no swap is under way when none was shown for so long."""
+"""Three refreshes: when no swap was shown for this long, none is under way."""
 
 _Swap = Callable[[], None]
 
@@ -67,7 +68,7 @@ class TimeSource(Protocol):
 
 
 class Completions:
-    """Present CompleteNotify of each swap: the display system says when, and whether by a flip."""
+    """Present CompleteNotify of each swap: the display system says when, and whether it flipped."""
 
     name = "present-complete"
     queues = True
@@ -78,7 +79,7 @@ class Completions:
         self.ns = self.msc = self.flipped = 0
 
     def sync(self) -> None:
-        """Let swaps that nobody waited for be shown: black panels, say."""
+        """Let swaps be shown that were not waited for, such as black panels."""
         while self._events.wait(KIND_PIXMAP, _SETTLED_S):
             pass
 
@@ -97,8 +98,8 @@ class Completions:
 class Vblanks:
     """Present NotifyMSC: swaps right after a vblank that the server reports.
 
-    The vblank is the screen's, or one that the server makes up from its clock where it has no
-    screen. The swap itself is not reported: it is taken to show at that vblank.
+    The vblank is the screen's; a server without a screen makes vblanks up from its clock. The swap
+    itself is not reported: it is assumed to show at that vblank.
     """
 
     name = "present-msc"
@@ -112,14 +113,14 @@ class Vblanks:
         self.ns = self.msc = self.flipped = 0
 
     def sync(self) -> None:
-        """Land on a vblank of now."""
+        """Find a current vblank."""
         self._ask(0)
         self._ask(self._events.msc + 2)
         ns, msc = self._events.ns, self._events.msc
         self._ask(msc + 1)
         self.ns, self.msc = self._events.ns, self._events.msc
         if self.ns - ns < (self.msc - msc) * self._period_ns:
-            # A server without a screen answered this one before its time: the other one holds.
+            # A server without a screen answered this one too early: count from the other one.
             self.ns = ns + round((self.msc - msc) * self._period_ns)
 
     def put(self) -> None:
@@ -127,12 +128,12 @@ class Vblanks:
         self._finish()
 
     def shown(self) -> None:
-        """Swap at the next vblank; one that has just passed is left to go by."""
+        """Swap at the next vblank; one that passed too long ago is skipped."""
         msc, late_ns = self.msc + 1, round(_LATE * self._period_ns)
         for _ in range(_VBLANK_TRIES):
             self._ask(msc)
             msc = self._events.msc
-            # Servers without a screen answer for a vblank up to half a refresh before it comes.
+            # A server without a screen reports a vblank up to half a refresh before it comes.
             due_ns = self.ns + round((msc - self.msc) * self._period_ns)
             now_ns = time.monotonic_ns()
             if now_ns - due_ns <= late_ns:
@@ -152,7 +153,7 @@ class Vblanks:
 
 
 class SwapReturns:
-    """The processor's clock when a swap that waits for the vblank has returned and is finished."""
+    """The processor's clock after a swap that waits for the vblank has returned and finished."""
 
     name = "swap"
     queues = False
@@ -196,7 +197,7 @@ class ProcessorClock:
         self.msc = self.flipped = 0
 
     def sync(self) -> None:
-        """Land on the grid."""
+        """Find the current point of the grid."""
         self.msc = int((time.monotonic_ns() - self._start_ns) / self._period_ns)
 
     def put(self) -> None:
@@ -204,9 +205,9 @@ class ProcessorClock:
         self._finish()
 
     def shown(self) -> None:
-        """Swap at the next point of the grid that is not past."""
+        """Swap at the next point of the grid that has not passed."""
         elapsed = (time.monotonic_ns() - self._start_ns) / self._period_ns
-        # One that passed this very moment counts as met.
+        # A point that has only just passed counts as met.
         self.msc = max(self.msc + 1, int(np.ceil(elapsed - _LATE)))
         due_ns = self._start_ns + round(self.msc * self._period_ns)
         wait_until_ns(due_ns)
@@ -218,7 +219,7 @@ _OTHER = "choose another time_source in [display.options]"
 
 
 class FreeRunningSource:
-    """No pace at all: each frame as soon as the last one is drawn, to see how fast that goes."""
+    """No pace at all: each frame as soon as the last one is drawn, to measure how fast that is."""
 
     name = "free"
     queues = False
@@ -252,11 +253,11 @@ def wait_until_ns(t_ns: int) -> None:
 def measure_period_ns(
     source: TimeSource, frame: Callable[[], None], period_ns: float
 ) -> float | None:
-    """Show 30 black frames; the source's period in ns, or None when it does not deliver.
+    """Show 30 black frames; the source's period in ns, or None when the source does not deliver.
 
-    A source delivers when it counts every frame once, give or take a few that came late on a busy
-    machine, and its period is the nominal one within 2 %. One that keeps the period while most
-    frames came late is asked again: a moment's load must not lead to a worse source.
+    A source delivers when it counts at least half of the frames once, as some come late on a busy
+    machine, and its period is the nominal one within 2 %. A source that keeps the period while most
+    frames come late is tried again: brief load must not lead to a worse source.
     """
     for _ in range(_ROUNDS):
         stamps, counts = [], []

@@ -21,10 +21,10 @@ _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software")
 
 @dataclass(frozen=True)
 class Desktop:
-    """State of the X server beside its outputs.
+    """State of the X server apart from its outputs.
 
-    compositor, window_manager : name, "unnamed" when it has none, None when there is none.
-    blank_s : the screen saver blanks after so many seconds; 0 is never.
+    compositor, window_manager : its name, "unnamed" if it has no name; None when there is none.
+    blank_s : seconds after which the screen saver blanks; 0 is never.
     power_s : standby, suspend and off of DPMS, in seconds; all 0 when DPMS is off or absent.
     asleep : DPMS has the panels off now.
     """
@@ -93,7 +93,7 @@ def list_desktop_faults(desktop: Desktop, display_name: str) -> list[ConfigError
 
 
 def is_software_renderer(renderer: str) -> bool:
-    """Whether this name of a renderer (GL_RENDERER) is one that draws on the processor."""
+    """Whether the renderer of this name (GL_RENDERER) draws on the processor."""
     return any(name in renderer.lower() for name in _SOFTWARE_RENDERERS)
 
 
@@ -116,7 +116,7 @@ def _power(display: Any) -> tuple[tuple[int, int, int], bool]:
 
 
 def _owner(display: Any, selection: str) -> str | None:
-    """Name of the window that owns a manager selection; None when nobody does."""
+    """Name of the window that owns a manager selection; None when no window does."""
     atom = display.intern_atom(selection, True)
     if atom == X.NONE:
         return None
@@ -130,7 +130,7 @@ def _checked_manager(display: Any) -> str | None:
     if window is None:
         return None
     try:
-        # The property outlives a manager that crashed; its window does not, or points elsewhere.
+        # The property outlives a manager that crashed, but its window is gone or points elsewhere.
         alive = _window_property(display, window)
         return _name(display, window) if alive is not None and alive.id == window.id else None
     except error.BadWindow:

@@ -1,4 +1,4 @@
-"""Who a panel says it is, and its modes: fields of an EDID block, as a RandR output has it.
+"""Identity and modes of a panel: fields of the EDID block that a RandR output has.
 
 Source: VESA E-EDID standard, release A revision 2 (EDID 1.4), section 3: the 128-byte base block.
 Colours and extension blocks are not read; the server has done that.
@@ -41,7 +41,7 @@ class Edid:
 
     @property
     def serials(self) -> tuple[str, ...]:
-        """What an output may be asked for by: the text, and the number in decimal."""
+        """The serials by which an output can be named: the text, and the number in decimal."""
         number = str(self.number) if self.number else ""
         return tuple(s for s in dict.fromkeys((self.serial, number)) if s)
 
@@ -53,14 +53,14 @@ class Edid:
 
 
 def parse_edid(data: bytes) -> Edid | None:
-    """Identity out of an EDID (128 bytes or more); None when it is absent or damaged.
+    """The identity in an EDID (128 bytes or more); None when it is absent or damaged.
 
-    Damaged means: too short, another header, or a sum of the base block that is not 0 modulo 256.
-    Cheap adapters answer with such blocks, and a wrong name is worse than none.
+    Damaged means: too short, a wrong header, or a sum of the base block that is not 0 modulo 256.
+    Cheap adapters answer with damaged blocks, and a wrong name is worse than none.
     """
     if len(data) < _BLOCK or not data.startswith(_HEADER) or sum(data[:_BLOCK]) % 256:
         return None
-    # The maker's id is big-endian, three letters of five bits; all else is little-endian.
+    # The maker's id is big-endian, three letters of five bits; the rest is little-endian.
     (letters,) = struct.unpack_from(">H", data, 8)
     product, number = struct.unpack_from("<HI", data, 10)
     vendor = "".join(chr(ord("@") + (letters >> shift & 31)) for shift in (10, 5, 0))
@@ -76,7 +76,7 @@ def parse_edid(data: bytes) -> Edid | None:
 
 
 def read_edid(display: Any, output: int) -> Edid | None:
-    """Ask an X server who the panel at a RandR output is; None when it says nothing of use.
+    """Ask an X server for the identity of the panel at a RandR output; None without a usable EDID.
 
     Raises what python-xlib raises.
     """

@@ -1,7 +1,7 @@
-"""Everything that decides whether two panels can be driven from here, looked at one by one.
+"""Checks, one by one, everything that decides whether two panels can be driven from here.
 
-Opens the panels as the daemon would, once for each time source, because what a server advertises
-is not what it delivers; but never over a window that is already there, which may be a run's.
+It opens the panels as the daemon would, once for each time source, because a server may advertise
+more than it delivers; but never over a window that is already there, which may belong to a run.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ TURNED_HINT = (
     "under [projector.place] and [mask.place] do the same"
 )
 _NOMINAL_HZ = 60.0
-"""Assumed where neither a configuration nor the server knows a rate."""
+"""Rate that is assumed where neither a configuration nor the server gives one."""
 
 
 def examine_display(config: Config, display_name: str | None = None) -> Iterator[Finding]:
-    """Yield findings; `config` names the panels where its display driver is x11.
+    """Yield findings; `config` names the panels if its display driver is x11.
 
-    Takes about five seconds, during which both panels are black. Raises nothing of its own: what
-    fails is a finding.
+    Takes about five seconds, during which both panels are black. Failures become findings, not
+    exceptions.
     """
     options = None
     if config.display.driver == "x11":
@@ -195,7 +195,7 @@ def _occupied(display: Any) -> bool:
 def _opened(
     name: str, pair: OutputPair, config: Config, options: X11Options | None
 ) -> Iterator[Finding]:
-    """What the display process finds, with each time source in turn."""
+    """The findings of the display process, with each time source in turn."""
     if options is None:
         options = X11Options(projector=pair.projector.name, mask=pair.mask.name)
     allowed, sources = options.allow_software, []
@@ -256,7 +256,8 @@ def _open(options: X11Options, pair: OutputPair, config: Config) -> Ready:
 
 
 def _permissions(ready: Ready | None) -> Iterator[Finding]:
-    """Real-time scheduling and locked memory, as found by the process or by this one's limits."""
+    """Real-time scheduling and locked memory, as the display process found them; without it, by the
+    limits of this process."""
     if ready is None:
         root = os.geteuid() == 0
         priority, memory = resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK

@@ -1,10 +1,10 @@
-"""What is done to levels between the frame buffer and a panel, as the X server tells it.
+"""What is done to levels between the frame buffer and a panel, as far as the X server reports it.
 
 Codes are drawn black and white, pixel by pixel. Gamma ramps, colour matrices, a limited range and
-scaling come after that, so that no look at the screen shows them. Sources: randrproto 1.6; the
+scaling come after that, so reading the screen does not show them. Sources: randrproto 1.6; the
 properties that the kernel's drivers, xf86-video-amdgpu and NVIDIA's driver give their outputs.
-A night light in a compositor, and what a panel makes of its input, are told by no server:
-`calibrate light` looks for these with the camera.
+No server reports a night light in a compositor, or what a panel does to its input: `calibrate
+light` measures these with the camera.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ _State = Literal["warning", "fault"]
 _UNIT: _Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 _STRAIGHT = tuple(range(0, 65536, 257))
 _SHOWN = 0, 128, 255
-"""Levels by which a ramp is described."""
+"""Levels whose output describes a ramp in words."""
 _MOST = 8
-"""Items of a property that are told."""
+"""Most items of a property that are shown."""
 _BELOW = 64
-"""By how much of 65535 a level may come out lower than itself: what interpolation rounds off."""
+"""How much lower, of 65535, a level may come out and still be itself: interpolation rounds."""
 
 
 class _Row(NamedTuple):
-    """A property: its values that do nothing, the one to set, and what the others do.
+    """A property: its neutral values, the value to set, and what other values do.
 
-    state is that of the others; of those that leave the choice to the driver it is a warning.
+    state is that of other values; a value that leaves the choice to the driver is a warning.
     """
 
     name: str
@@ -51,7 +51,7 @@ _DITHERED = "grey levels are mixed by the card"
 _DIMMED = "levels change with the picture"
 _COLOURED = "colours are changed"
 _CHOSEN = {"auto", "Automatic"}
-"""What leaves the choice to the driver."""
+"""Values that leave the choice to the driver."""
 _TABLE = (
     _Row("Broadcast RGB", {"Full"}, "Full", "warning", _LIMITED),
     _Row("output_csc", {"bypass"}, "bypass", "warning", _LIMITED),
@@ -76,19 +76,19 @@ _MATRICES = {
     "CTM": "0,1,0,0,0,0,0,0,0,1,0,0,0,0,0,0,0,1",
     "CscMatrix": "65536,0,0,0,0,65536,0,0,0,0,65536,0",
 }
-"""Colour matrices, with the one that does nothing as xrandr takes it."""
+"""Colour matrices, each with its neutral value in xrandr's notation."""
 _TABLES = ("DEGAMMA_LUT", "GAMMA_LUT")
 
 
 @dataclass(frozen=True)
 class OutputLevels:
-    """What one output does to what is drawn, as far as the server tells.
+    """What one output does to the picture drawn on it, as far as the server reports.
 
     ramps : by name, "gamma ramp" or a property: what each of 256 levels comes out as in red, green
         and blue, 0 to 65535.
     transform : 3 x 3, row by row, from pixels of the output to those of the screen.
-    properties : those of `_TABLE` and of `_MATRICES` that there are, by name.
-    native : the mode is one that the panel prefers, or nobody knows which it prefers.
+    properties : those of `_TABLE` and of `_MATRICES` that the output has, by name.
+    native : the mode is one that the panel prefers, or it is not known which it prefers.
     """
 
     ramps: tuple[tuple[str, _Ramp], ...] = ()
@@ -107,10 +107,10 @@ class OutputLevels:
 def read_levels(
     display: Any, output: int, crtc: int, *, clocked: bool, native: bool = True
 ) -> OutputLevels:
-    """Ask the server for all that it tells of one output that is on; nothing is changed.
+    """Ask the server for everything it reports of one output that is on; nothing is changed.
 
-    `read_outputs` does, whenever it looks. Of outputs without a pixel clock (`clocked` False, Xvfb)
-    a ramp of nothing but 0 was never set. Raises what python-xlib raises.
+    `read_outputs` calls this for every output. On outputs without a pixel clock (`clocked` False,
+    Xvfb), a ramp of zeros was never set and is left out. Raises what python-xlib raises.
     """
     ramps: list[tuple[str, _Ramp]] = []
     if display.xrandr_get_crtc_gamma_size(crtc).size > 1:
@@ -136,11 +136,11 @@ def read_levels(
 def list_level_findings(
     output: str, role: str, levels: OutputLevels, *, exact: bool = False
 ) -> list[Finding]:
-    """Everything that is not neutral about an output, each with the command that mends it; or one
-    finding that all is.
+    """Everything about an output that is not neutral, each with the command that mends it; or one
+    finding that everything is neutral.
 
-    `doctor display` shows them, and no code is shown over a fault. exact : a level is 24 bits that
-    are shown one by one, so that none may be another.
+    `doctor display` shows them, and no code is shown while one is a fault. exact : a level carries
+    24 bits that are shown one by one, so every level must come out exactly.
     """
     found = [
         *_ramps(output, role, levels, exact=exact),
@@ -168,7 +168,7 @@ def _ramps(output: str, role: str, levels: OutputLevels, *, exact: bool) -> Iter
 
 
 def _outcome(ramp: _Ramp, state: _State) -> str:
-    """What becomes of levels by a ramp."""
+    """What a ramp does to levels, in words."""
     parts = [", ".join(f"{part[level] / 257.0:.0f}" for level in _SHOWN) for part in ramp]
     came = parts[0]
     if len(set(parts)) > 1:
@@ -180,8 +180,8 @@ def _outcome(ramp: _Ramp, state: _State) -> str:
 
 
 def _spread(*channels: Sequence[int]) -> _Ramp:
-    """A ramp of any number of steps as what each of 256 levels comes out as; a level that comes out
-    as itself in 8 bits is 257 times itself, however its driver fills up the lower bits."""
+    """A ramp of any number of steps as the output of each of 256 levels. A level whose output is
+    itself in 8 bits becomes 257 times itself, however the driver fills the lower bits."""
     drawn = np.arange(256.0)
     out = []
     for steps in channels:
@@ -233,12 +233,12 @@ def _matrices(output: str, role: str, levels: OutputLevels) -> Iterator[Finding]
 
 
 def _fixed(word: int, bits: int, fraction: int) -> float:
-    """A number with a sign, in two's complement, out of its bits."""
+    """A signed number from its bits, in two's complement."""
     return float((word ^ 1 << bits - 1) - (1 << bits - 1)) / (1 << fraction)
 
 
 def _sign_and_size(word: int) -> float:
-    """A number of 32 bits after the point whose highest bit of 64 is its sign."""
+    """A number of 64 bits, 32 of them after the point, whose highest bit is its sign."""
     size = word & ((1 << 63) - 1)
     return (-size if word >> 63 else size) / (1 << 32)
 

@@ -1,7 +1,7 @@
-"""Shows a list of rows, one vblank after the other, and logs what became of each.
+"""Shows a list of rows, one vblank after the other, and logs when each was shown.
 
 Nothing here allocates more than a few small numbers, logs text or touches a disk: all rows, their
-draw commands and the log exist before the first one is shown.
+draw commands and the log exist before the first row is shown.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from pdcd.presenter.clocks import TimeSource, wait_until_ns
 from pdcd.presenter.messages import Column, Head
 
 _MARGIN = 0.5
-"""Part of a refresh after which a code is no longer handed over for the coming vblank."""
+"""Part of a refresh after which it is too late to hand a code over for the coming vblank."""
 
 
-# As plain numbers, which are an index in half the time.
+# Plain numbers, which index an array in half the time.
 _NS, _MSC, _PUT_NS, _SWAP_NS, _CPU_NS, _FLIPPED = (int(column) for column in Column)
 _SHOWN, _MISSED, _SPOILT = int(Head.SHOWN), int(Head.MISSED), int(Head.SPOILT)
 
@@ -29,7 +29,7 @@ class Loop:
 
     Parameters
     ----------
-    source : hands frames over and tells when they were shown.
+    source : hands frames over and reports when they were shown.
     draw : draws a refresh, by its number, on both panels.
     opens : whether the mask is anything but black, by number of the refresh.
     period_ns : length of a refresh.
@@ -68,8 +68,8 @@ class Loop:
             if put == n:
                 opening = opens[n]
                 if opening and not open_now and source.queues:
-                    # Too late to be sure of the coming vblank: the mask stays black for one more,
-                    # which costs nothing; a code that comes late would stretch the next guard.
+                    # Too late to be sure of the coming vblank: the mask stays black for one more
+                    # refresh, which costs nothing; a late code would stretch the next guard.
                     now_ns = time.monotonic_ns()
                     if now_ns - source.ns > margin_ns:
                         gone = int((now_ns - source.ns) / self._period_ns) + 1
@@ -80,8 +80,8 @@ class Loop:
                 log[n, _SWAP_NS] = time.monotonic_ns()
                 put += 1
                 if opening and source.queues and put < count and not opens[put]:
-                    # The black that ends a code goes with it: not this process but the display
-                    # system then sees to it that the code lasts one refresh.
+                    # Hand over the black that ends a code together with it: the display system,
+                    # not this process, then makes the code last one refresh.
                     log[put, _PUT_NS] = time.monotonic_ns()
                     draw(put)
                     source.put()

@@ -1,9 +1,9 @@
-"""What driver and display process say to each other, and the memory they share.
+"""The messages between driver and display process, and the memory they share.
 
-Messages go in MessagePack. Arrays go beside one as a descriptor of anonymous memory, which has no
+Messages are MessagePack. Arrays are sent along as a descriptor of anonymous memory, which has no
 name, so nothing is left behind however either process ends. The driver asks, the process answers
-each request once: `Ready`, `Done`, or `Failed`. The only thing it says unasked is `Failed`, before
-it ends.
+each request once: `Ready`, `Done`, or `Failed`. The only message it sends unasked is `Failed`,
+before it ends.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Open(msgspec.Struct, frozen=True, tag=True):
     projector: PanelMode
     mask: PanelMode
     plane_order: str | None = None
-    """Colours of bit planes, where a refresh shows 24 rows; None where it shows one."""
+    """Colours of bit planes, where a refresh shows 24 rows; None where it shows one row."""
 
 
 class Slot(msgspec.Struct, frozen=True):
@@ -76,7 +76,7 @@ class Load(msgspec.Struct, frozen=True, tag=True):
 
 
 class Play(msgspec.Struct, frozen=True, tag=True):
-    """Show rows of the loaded frames; `Head` and `Column` of the memory tell how far and when.
+    """Show rows of the loaded frames; `Head` and `Column` in the memory say how far and when.
 
     The memory holds `primal` and `dual`, (refreshes, planes) int32: rows of the frames, -1 for
     black. abort : go black as soon as a refresh with the mask open lasted too long.
@@ -85,7 +85,7 @@ class Play(msgspec.Struct, frozen=True, tag=True):
     slots: list[Slot]
     abort: bool = False
     stalls: bool = True
-    """Whether the stalls of the options are for this pass."""
+    """Whether the stalls of the options apply to this pass."""
 
 
 class Show(msgspec.Struct, frozen=True, tag=True):
@@ -113,10 +113,10 @@ class Ready(msgspec.Struct, frozen=True, tag=True):
     refresh_hz: float
     identity: dict[str, str]
     lag_s: float | None = None
-    """By how much the mask's vblank follows the projector's; None where it could not be measured,
-    or drifts."""
+    """How much later the mask's vblank comes than the projector's; None where it could not be
+    measured, or drifts."""
     warnings: tuple[str, ...] = ()
-    """What whoever takes photos must know of the panels, each with what to do."""
+    """What the user should know about the panels, each with what to do."""
 
 
 class Done(msgspec.Struct, frozen=True, tag=True):
@@ -137,9 +137,9 @@ DisplayReply = Ready | Done | Failed
 
 _encode = msgspec.msgpack.Encoder().encode
 REPLIES: Codec[DisplayReply] = Codec(_encode, msgspec.msgpack.Decoder(DisplayReply).decode)
-"""What the driver hears."""
+"""The messages that the driver receives."""
 REQUESTS: Codec[DisplayRequest] = Codec(_encode, msgspec.msgpack.Decoder(DisplayRequest).decode)
-"""What the process hears."""
+"""The messages that the process receives."""
 
 
 class Head(enum.IntEnum):
@@ -164,7 +164,7 @@ class Column(enum.IntEnum):
     """Columns of the shared `log`, int64, one row for each refresh that was shown."""
 
     NS = 0
-    """When it began to be sent to the panels, on CLOCK_MONOTONIC."""
+    """When the refresh began to be sent to the panels, on CLOCK_MONOTONIC."""
     MSC = 1
     """Number of that vblank."""
     PUT_NS = 2
@@ -181,7 +181,7 @@ LOG_COLUMNS = len(Column)
 
 
 def lay_out_arrays(arrays: Mapping[str, NDArray[Any]]) -> tuple[list[Slot], int]:
-    """Places of the arrays, one after the other, and the bytes of them all."""
+    """Places of the arrays, one after the other, and their bytes together."""
     slots, offset = [], 0
     for name, array in arrays.items():
         slots.append(Slot(name, array.dtype.str, array.shape, offset))

@@ -25,33 +25,33 @@ class X11Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     projector: str
     """RandR connector ("HDMI-1") or EDID serial of the projector."""
     mask: str
-    """The same of the mask."""
+    """The same for the mask."""
     display: str | None = None
     """X display (":7"); unset: $DISPLAY."""
     layout: _LayoutName = "span"
     """One window over the whole X screen, or one window for each output."""
     time_source: SourceName = "auto"
-    """Where presentation times come from; "auto" takes the best that delivers, "free" keeps no
-    pace and is for benchmarks only."""
+    """Where presentation times come from; "auto" takes the best source that delivers, "free" keeps
+    no pace and is for benchmarks only."""
     allow_software: bool = False
     """Accept a renderer without a graphics card: for tests."""
     realtime_priority: Annotated[int, Meta(ge=0, le=99)] = 20
     """SCHED_FIFO priority of the loop; 0 leaves the ordinary scheduler."""
     hang_s: Annotated[float, Meta(ge=0.1, le=60.0)] = 2.0
-    """A loop that shows nothing for so long is killed, and the panels go black."""
+    """A loop that shows nothing for this long is killed, and the panels go black."""
     positions_px: tuple[tuple[int, int], tuple[int, int]] | None = None
     """Places of projector and mask on an X screen whose server has one output (Xvfb)."""
     grab_px: tuple[tuple[int, int], tuple[int, int]] | None = None
-    """Where on the X screen a virtual bench has its projector and its mask (x, y): they are looked
-    at after every refresh, and a mock camera's photo is made of the pixels that were really there.
-    For tests, on servers without a graphics card, at small sizes."""
+    """Where on the X screen a virtual bench has its projector and its mask (x, y). Their pixels are
+    read after every refresh, and a mock camera's photo is made of these pixels. It is for tests, on
+    servers without a graphics card, at small sizes."""
     stalls_ms: dict[_RefreshNumber, Annotated[float, Meta(ge=0.0)]] = field(default_factory=dict)
     """Fault injection, for tests: refresh of an exposure -> how long the loop sleeps after it."""
     stall_exposures: Annotated[int, Meta(ge=0)] = 0
-    """Fault injection: how many exposures have these stalls, from the first on; 0 is all."""
+    """Fault injection: number of exposures with these stalls, from the first on; 0 is all."""
 
     def __post_init__(self) -> None:
-        """Refuse one output for both panels, where it is not parted by `positions_px`."""
+        """Refuse one output for both panels, unless `positions_px` divides it."""
         if self.projector == self.mask and self.positions_px is None:
             raise ValueError(
                 f'mask: "{self.mask}" is the projector\'s output, too; name the one of the mask'

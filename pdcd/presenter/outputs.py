@@ -1,7 +1,7 @@
 """The two outputs of the graphics card: found by name or serial, checked, watched.
 
-Outputs are never chosen by their number: numbers change with cables, drivers and power-on order,
-and a pattern on the wrong panel is a wrong photo. Source of the protocol: X Resize, Rotate and
+Outputs are never chosen by number: numbers change with cables, drivers and power-on order, and a
+pattern on the wrong panel gives a wrong photo. Source of the protocol: X Resize, Rotate and
 Reflect extension 1.6 (randrproto).
 """
 
@@ -46,7 +46,7 @@ class Output:
     mode: str = ""
     refresh_hz: float | None = None
     turned: str = ""
-    """In words how the server rotates or mirrors it; x, y, width and height are those of the
+    """How the server rotates or mirrors it, in words; x, y, width and height are in pixels of the
     screen, as drawing is."""
     edid: Edid | None = None
     levels: OutputLevels = field(default_factory=OutputLevels)
@@ -85,7 +85,8 @@ class OutputPair:
 
     @property
     def refresh_hz(self) -> float | None:
-        """Rate of both together, that of the slower one; None when the server does not know."""
+        """Rate of both together, which is that of the slower one; None when the server does not
+        know."""
         rates = [o.refresh_hz for o in (self.projector, self.mask)]
         return min((r for r in rates if r is not None), default=None) if all(rates) else None
 
@@ -96,7 +97,7 @@ class OutputPair:
 
 
 def slip_s(first_hz: float | None, second_hz: float | None) -> float | None:
-    """Seconds in which two rates slip by one refresh; None when equal or unknown."""
+    """Seconds in which two rates slip by one refresh; None when they are equal or unknown."""
     if first_hz is None or second_hz is None or first_hz == second_hz:
         return None
     return 1.0 / abs(first_hz - second_hz)
@@ -105,8 +106,8 @@ def slip_s(first_hz: float | None, second_hz: float | None) -> float | None:
 def read_outputs(display: Any, *, anew: bool = True) -> tuple[Output, ...]:
     """All connectors of the first X screen, as they are set; nothing is changed.
 
-    anew : the driver looks at its connectors, which may take a second: never between frames.
-    Without it the server answers out of what it knows, in a few milliseconds.
+    anew : the driver probes its connectors, which may take a second: never do it between frames.
+    Otherwise the server answers from what it knows, in a few milliseconds.
 
     Raises DeviceLost when the server goes away, ConfigError when it has no RandR.
     """
@@ -196,8 +197,8 @@ def mode_hz(clock_hz: int, htotal_px: int, vtotal_px: int, flags: int = 0) -> fl
 def find_output(outputs: Sequence[Output], wanted: str, role: str) -> Output:
     """The one output with this connector name or EDID serial; `role` is for messages.
 
-    Raises ConfigError when none or several match or the one that does is off, DeviceLost when it
-    is known but not connected.
+    Raises ConfigError when no output or several match, or the matching one is off; DeviceLost when
+    it is known but not connected.
     """
     found = [
         o for o in outputs if wanted == o.name or (o.edid is not None and wanted in o.edid.serials)
@@ -233,13 +234,13 @@ def find_pair(
     mask: tuple[str, _Size],
     rate_tolerance: float = RATE_TOLERANCE,
 ) -> OutputPair:
-    """Projector and mask, each asked for by (name or serial, size in pixels), fit for lockstep.
+    """Projector and mask, each found by (name or serial, size in pixels), fit for lockstep.
 
     Raises
     ------
     ConfigError
-        One of them is not found as `find_output` says, or has another size; both lie over one
-        another; or their rates differ by more than `rate_tolerance` (relative).
+        `find_output` does not find one of them, or it has another size; they overlap; or their
+        rates differ by more than `rate_tolerance` (relative).
     DeviceLost
         One of them is not connected.
     """
@@ -288,7 +289,7 @@ def place_pair(
 def check_rates(
     projector_hz: float | None, mask_hz: float | None, tolerance: float = RATE_TOLERANCE
 ) -> None:
-    """Refuse two rates that drift apart too fast; rates that are unknown pass.
+    """Refuse two rates that drift apart too fast; unknown rates pass.
 
     Raises ConfigError.
     """
@@ -305,7 +306,7 @@ def check_rates(
 
 
 def check_nominal(pair: OutputPair, *, projector_hz: float, mask_hz: float) -> None:
-    """Refuse modes of another rate than the configured ones; rates that are unknown pass.
+    """Refuse modes whose rates are not the configured ones; unknown rates pass.
 
     Raises ConfigError.
     """
@@ -355,7 +356,7 @@ def _check_mode(output: Output, size: _Size, role: str) -> None:
 
 
 class Watcher:
-    """Hears of outputs that change: unplugged, switched off, other mode.
+    """Notices when outputs change: unplugged, switched off, another mode.
 
     `changed` costs about a microsecond while nothing happens and never waits, so that a loop may
     ask between frames. It belongs to a connection of its own, `display`.
@@ -378,7 +379,7 @@ class Watcher:
         self._poller.register(display.fileno(), select.POLLIN)
 
     def fileno(self) -> int:
-        """What is readable when the server has something to say."""
+        """File descriptor that is readable when the server has sent something."""
         return int(self._display.fileno())
 
     def changed(self) -> bool:

@@ -1,8 +1,8 @@
-"""How the vblanks of two outputs lie to each other: periods, phase, and how fast that slips.
+"""Phase between the vblanks of two outputs: their periods, and how late one comes after the other.
 
-The X server is asked for each output's by a small window that lies on it and is never shown. A
-server without screens counts one clock for all windows; that is told from a screen's, and nothing
-is claimed then. Never run on two real outputs.
+The X server is asked for each output's vblanks through a small window that lies on it and is never
+shown. A server without screens counts one clock for all windows; this is recognised, and nothing is
+measured then. It has never been run on two real outputs.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from pdcd.presenter.xpresent import KIND_MSC, PresentEvents
 
 _SAMPLES = 20
 _FIRST_SAMPLES = 8
-"""By then a server's timer mostly shows; the other samples are not waited for."""
+"""Samples after which a server's timer is mostly recognised; then no more samples are taken."""
 _STEP = 2
 """Refreshes between two samples of one output."""
 _TIMEOUT_S = 0.5
 _STEADY_NS = 100_000.0
-"""Scatter of a screen's vblank stamps stays below this: the kernel takes them from the scan-out. A
-server that makes vblanks up does so by a timer of whole milliseconds (`present_fake.c` of xserver
-21.1), which scatters by 290 us at least."""
+"""The vblank stamps of a screen scatter by less than this: the kernel takes them from the scan-out.
+A server that makes vblanks up uses a timer of whole milliseconds (`present_fake.c` of xserver
+21.1), which scatters by at least 290 us."""
 
 _Stamps = NDArray[np.int64]
 """(S, 2): ns and msc of some vblanks of one output."""
@@ -34,11 +34,11 @@ _Stamps = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class VblankPhase:
-    """Two outputs against each other.
+    """Periods of two outputs, and the phase between them.
 
-    period_s : refresh of projector and mask.
-    lag_s : by how much the mask's vblank follows the projector's nearest one, at the last sample;
-        negative when it leads.
+    period_s : length of a refresh of projector and mask.
+    lag_s : how much later the mask's vblank comes than the projector's nearest one, at the last
+        sample; negative when it comes earlier.
     """
 
     period_s: tuple[float, float]
@@ -46,14 +46,14 @@ class VblankPhase:
 
 
 def is_from_timer(stamps: _Stamps) -> bool:
-    """Whether these come from the server's timer and from no screen."""
+    """Whether these stamps come from the server's timer, not from a screen."""
     period, at_ns = _line(stamps)
     expected = at_ns + (stamps[:, 1] - stamps[-1, 1]) * period
     return float(np.std(stamps[:, 0] - expected)) > _STEADY_NS
 
 
 def compare_vblanks(projector: _Stamps, mask: _Stamps) -> VblankPhase | None:
-    """Periods and phase by straight lines through the stamps; None where no screen was counted."""
+    """Periods and phase by straight lines through the stamps; None where a timer made them."""
     if is_from_timer(projector) or is_from_timer(mask):
         return None
     lines = [_line(s) for s in (projector, mask)]
@@ -83,7 +83,7 @@ def _line(stamps: _Stamps) -> tuple[float, float]:
 
 
 def _sample_windows(name: str, panels: tuple[Rect, Rect]) -> tuple[_Stamps, _Stamps] | None:
-    """Vblanks by windows on both outputs, as a server tells them."""
+    """Vblanks of both outputs, as a server reports them to windows there."""
     display = open_x_connection(name)
     try:
         with guard_x_calls(display):
@@ -118,6 +118,6 @@ def _sample(both: tuple[PresentEvents, PresentEvents]) -> tuple[_Stamps, _Stamps
             seen.append((events.ns, events.msc))
         if number == _FIRST_SAMPLES and is_from_timer(np.array(stamps[0][1:], dtype=np.int64)):
             return None
-    # The first was answered at once, between two vblanks.
+    # The first request was answered at once, between two vblanks.
     projector, mask = (np.array(seen[1:], dtype=np.int64) for seen in stamps)
     return projector, mask

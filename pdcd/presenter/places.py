@@ -1,4 +1,4 @@
-"""Where both panels lie on the X screen, checked at the start and watched from then on."""
+"""Where both panels lie on the X screen: checked at the start and watched afterwards."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from pdcd.presenter.xconnection import guard_x_calls, open_x_connection
 class Places:
     """Both panels' places, and whether they still hold.
 
-    Raises ConfigError when the outputs are not what is asked for, do not show what is drawn, or
-    something else draws on the screen, DeviceLost when the server or an output is not there.
+    Raises ConfigError when the outputs are not those asked for, do not show what is drawn, or
+    something else draws on the screen; DeviceLost when the server or an output is not there.
     """
 
     def __init__(self, name: str | None, request: Open) -> None:
@@ -40,7 +40,7 @@ class Places:
         screen = self._display.screen()
         with guard_x_calls(self._display):
             self.screen_px = (int(screen.width_in_pixels), int(screen.height_in_pixels))
-            # The screen's own black: what shows when this process, and its windows, are gone.
+            # The screen's own black, which shows when this process and its windows are gone.
             screen.root.change_attributes(background_pixel=screen.black_pixel)
             screen.root.clear_area()
             self._display.sync()
@@ -54,12 +54,12 @@ class Places:
 
     @property
     def panels(self) -> tuple[Rect, Rect]:
-        """Projector and mask."""
+        """Places of projector and mask."""
         return _rect(self._pair.projector), _rect(self._pair.mask)
 
     @property
     def identity(self) -> dict[str, str]:
-        """What the outputs say of themselves, and how fast they slip."""
+        """Descriptions of the outputs, and how fast they slip."""
         pair = self._pair
         found = {"projector": str(pair.projector), "mask": str(pair.mask)}
         if pair.refresh_hz is not None:
@@ -69,29 +69,29 @@ class Places:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What outputs do to levels that spoils no code of black and white, and how to mend it."""
+        """What outputs do to levels without spoiling black and white codes, and how to mend it."""
         found = (f for f in self._levels(self._pair) if f.state == "warning")
         return tuple(f"{f.what}: {f.found}: {f.hint}" for f in found)
 
     @property
     def drifts(self) -> bool:
-        """Whether the modes have different rates, so that no phase lasts."""
+        """Whether the modes have different rates, so that the phase drifts."""
         return self._pair.projector.refresh_hz != self._pair.mask.refresh_hz
 
     def fileno(self) -> int:
-        """What is readable where `changed` has something to look at."""
+        """File descriptor that is readable when `changed` has something to look at."""
         return self._watcher.fileno()
 
     def changed(self) -> bool:
-        """Whether outputs changed since the start; `check_desktop` says what to make of it."""
+        """Whether outputs have reported a change; `check` finds out whether it matters."""
         self._moved = self._watcher.changed() or self._moved
         return self._moved
 
     def check(self, *, unheard: bool = False) -> None:
         """Raise DeviceLost when the outputs are no longer those of the start, ConfigError when they
-        do not show any more what is drawn.
+        no longer show what is drawn.
 
-        unheard : look also where the server told of no change: of gamma ramps it tells nobody.
+        unheard : look even if the server reported no change: it does not report gamma ramps.
         """
         heard = self.changed()
         if not (heard or unheard):
@@ -116,13 +116,13 @@ class Places:
         ]
 
     def _refuse_levels(self, pair: OutputPair) -> None:
-        """Raise ConfigError where black and white do not come out as they are drawn."""
+        """Raise ConfigError if black and white do not come out as they are drawn."""
         for found in self._levels(pair):
             if found.state == "fault":
                 raise ConfigError(f"{found.what}: {found.found}", device="display", hint=found.hint)
 
     def _describe(self, pair: OutputPair, other: OutputPair) -> str:
-        """Both outputs in words, with their levels where these are what differs."""
+        """Both outputs in words; their levels, if only these differ from `other`."""
         words = [str(pair.projector), str(pair.mask)]
         if words == [str(other.projector), str(other.mask)]:
             words = [f"{found.what} {found.found}" for found in self._levels(pair)]

@@ -1,4 +1,4 @@
-"""The display process itself: opens the panels, answers its driver, goes black when left alone."""
+"""The display process: opens the panels, answers its driver, goes black when the driver is gone."""
 
 from __future__ import annotations
 
@@ -52,20 +52,20 @@ from pdcd.presenter.xpresent import PresentEvents
 logger = logging.getLogger(__name__)
 
 _PROBES = 5
-"""How often time sources are asked before none is said to deliver."""
+"""How many times all time sources are tried before an error says that none delivers."""
 IDLE_S = 0.25
-"""How often the process looks at its windows while it waits."""
+"""Seconds between two looks at its windows while the process waits."""
 _HEADS = int(Head.SHOWN), int(Head.STOP), int(Head.SPOILT)
-"""As plain numbers, for what is looked at after every refresh."""
+"""As plain numbers, as they are read after every refresh."""
 SOURCES = ("present-complete", "present-msc", "swap", "clock")
-"""From best to worst."""
+"""Time sources from best to worst."""
 
 
 class Presenter:
     """Both panels, from `Open` to the end of the process."""
 
     def __init__(self, request: Open, hung_up: Callable[[], bool], driver: int) -> None:
-        """`driver`: file descriptor of its end, whose hang-up `hung_up` tells."""
+        """`driver`: file descriptor of the driver's line; `hung_up` says whether it was closed."""
         self._options = options = request.options
         self._hung_up = hung_up
         self._places = Places(options.display, request)
@@ -113,7 +113,7 @@ class Presenter:
         realtime.stop_garbage_collection()
 
     def load(self, message: Load, arrays: dict[str, NDArray[Any]]) -> None:
-        """Take over patterns; the panels stay as they are. Raises what `Places.check` does."""
+        """Take over patterns; the panels stay as they are. Raises what `Places.check` raises."""
         frames = Frames(**arrays, grid=message.grid, lattice=message.lattice, window=message.window)
         self._frames = None
         self._places.check(unheard=True)
@@ -129,7 +129,7 @@ class Presenter:
             rows[0] = np.arange(row, row + planes)
             rows[rows >= len(frames)] = BLACK
         self._windows.prepare(rows, rows)
-        for _ in range(2):  # both buffers alike: nothing else may come up
+        for _ in range(2):  # both buffers alike, so that nothing else can be shown
             self._windows.draw(0)
             self._source.put()
             self._source.shown()
@@ -160,7 +160,7 @@ class Presenter:
                 grabs.take(head[shown] - 1)
             if head[stopped] or (abort and head[spoilt]):
                 return True
-            # One question to the kernel for both: it costs more than all else that is done here.
+            # One question to the kernel for both, as it costs more than everything else here.
             return bool(news.poll(0)) and (hung_up() or self._places.changed())
 
         stalls = options.stalls_ms if message.stalls else {}
@@ -191,7 +191,7 @@ class Presenter:
         glfw.terminate()
 
     def _grabber(self, name: str, request: Open) -> Grabs | None:
-        """What looks at the screen. Raises ConfigError where it would look too late."""
+        """What reads the screen for `grab_px`. Raises ConfigError where it would read too late."""
         if request.options.grab_px is None:
             return None
         if self._source.queues:
@@ -209,8 +209,8 @@ class Presenter:
     def _find_source(self, nominal_ns: float) -> tuple[TimeSource, float]:
         """The best time source that delivers, and its period in ns.
 
-        Where none does, a machine that is busy for a moment may be why: they are asked again.
-        Raises DeviceLost when the one asked for does not.
+        If none delivers, the machine may have been busy for a moment, so all are tried again.
+        Raises DeviceLost when none delivers in the end.
         """
         windows, events = self._windows, self._events
 
@@ -242,7 +242,7 @@ class Presenter:
 
 
 def serve_display(line: MessageLine[DisplayRequest]) -> None:
-    """Answer requests until `Quit` or until the other end is gone; black in either case."""
+    """Answer requests until `Quit` or until the other end is gone; then go black."""
     gone = select.poll()
     gone.register(line, select.POLLHUP)
 
@@ -328,7 +328,7 @@ def _phase_text(phase: VblankPhase | None) -> str:
 
 
 def _start_glfw(display: str) -> None:
-    """Open the library on a display. Raises DeviceLost when it cannot."""
+    """Open the library on a display. Raises DeviceLost when that fails."""
     os.environ["DISPLAY"] = display
     glfw.ERROR_REPORTING = "raise"
     try:

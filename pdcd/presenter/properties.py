@@ -1,4 +1,4 @@
-"""Properties of RandR outputs, asked for by name, and what lies in them.
+"""Properties of RandR outputs, read by name.
 
 Source of the protocol: X Resize, Rotate and Reflect extension 1.6 (randrproto).
 """
@@ -15,21 +15,21 @@ PropertyValue = int | str
 """An item of a property: a number without a sign, or the name of an atom."""
 
 _WORDS = 1 << 14
-"""Longest property that is asked for, in units of 4 bytes: tables of 4096 colours have 8192."""
+"""Longest property that is read, in units of 4 bytes: tables of 4096 colours have 8192."""
 
 
 def read_property(display: Any, output: int, name: str) -> tuple[int, Any] | None:
-    """What a property of an output holds: bits of an item and the items, (8, bytes) or
-    (16 or 32, array); None where the output has none of that name.
+    """The value of a property of an output: bits of an item and the items, (8, bytes) or
+    (16 or 32, array); None where the output has no property of that name.
 
-    Asked by whoever reads outputs. Raises what python-xlib raises.
+    Raises what python-xlib raises.
     """
     reply = _ask(display, output, name)
     return None if reply is None else reply.value
 
 
 def read_property_values(display: Any, output: int, name: str) -> tuple[PropertyValue, ...]:
-    """The same as numbers or names; empty where there is none."""
+    """The same as numbers or names; empty where there is no such property."""
     reply = _ask(display, output, name)
     if reply is None or reply.value is None:
         return ()
@@ -40,7 +40,7 @@ def read_property_values(display: Any, output: int, name: str) -> tuple[Property
 
 
 def _name_atom(display: Any, atom: int) -> str:
-    """Its name; "?" for none: any program may have written the property."""
+    """The atom's name; "?" for an unknown atom, as any program may have written the property."""
     try:
         return str(display.get_atom_name(atom))
     except error.BadAtom:
@@ -65,7 +65,7 @@ def _ask(display: Any, output: int, name: str) -> Any | None:
 
 
 class _GetOutputProperty(randr.GetOutputProperty):  # type: ignore[misc]
-    """python-xlib's own takes the number of items for that of bytes."""
+    """Replaces python-xlib's own, which takes the number of items for that of bytes."""
 
     _reply = rq.Struct(
         rq.ReplyCode(),

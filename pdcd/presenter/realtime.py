@@ -13,12 +13,12 @@ _MCL_TOUCHED = 1 | 2 | 4
 
 
 def raise_priority(priority: int) -> str:
-    """Ask for SCHED_FIFO for all threads of this process; returns what came of it, in words for
-    the run's record.
+    """Ask for SCHED_FIFO for all threads of this process; returns the outcome, in words for the
+    run's record.
 
-    Call this when the windows are open: GLFW waits for them to appear without letting go of the
-    processor, which would keep it from the very server that it waits for. The GL driver has made
-    its threads by then, so they are all asked for; later ones inherit it.
+    Call this when the windows are open: GLFW waits for them to appear without releasing the
+    processor, and in real time would starve the very server that it waits for. The GL driver has
+    made its threads by then, so they get the class, too; later ones inherit it.
     """
     if not priority:
         return "no: not asked for"
@@ -31,10 +31,10 @@ def raise_priority(priority: int) -> str:
 
 
 def lock_memory() -> str:
-    """Keep every page that is used in memory; returns what came of it.
+    """Keep every page that is used in memory; returns the outcome in words.
 
-    Pages that were never touched stay out: with them a killed process takes a tenth of a second to
-    die, and its windows stay lit for so long.
+    Pages that were never touched are not locked: with them a killed process takes a tenth of a
+    second to die, and its windows stay lit that long.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_TOUCHED):
@@ -44,7 +44,7 @@ def lock_memory() -> str:
 
 
 def stop_garbage_collection() -> None:
-    """No collection runs from here on; what lives now is never looked at again."""
+    """No collection runs from now on; objects that exist now are never examined again."""
     gc.collect()
     gc.disable()
     gc.freeze()
@@ -53,7 +53,8 @@ def stop_garbage_collection() -> None:
 def arm_dead_mans_switch(seconds: float) -> None:
     """End this process unless called again within that time; 0 disarms.
 
-    The kernel does it, so a loop that hangs inside a library goes too: its windows vanish with it
-    and the screen's black background shows. Needed when nobody is left to kill it.
+    The kernel does it, so it also ends a loop that hangs inside a library: its windows vanish with
+    it and the screen's black background shows. It is needed when the driver is gone and cannot kill
+    the process.
     """
     signal.setitimer(signal.ITIMER_REAL, seconds)

@@ -1,4 +1,4 @@
-"""How well the panels of a rig keep time: many refreshes of random codes, and when they came."""
+"""How well the panels of a rig keep time: many refreshes of random codes, with their times."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ _PATTERNS = 64
 """Different codes that are shown in turn."""
 _QUANTILES = (50.0, 99.0, 100.0)
 _INK, _DPI = "#1b6ca8", 110
-"""Of the histogram: as the plots in docs/plots."""
+"""Colour and resolution of the histogram, as in docs/plots."""
 
 
 @dataclass(frozen=True)
 class RefreshTiming:
-    """Refreshes of one run, (R,) each but `ready` and `first_draw_s`.
+    """Refreshes of one run; all arrays are (R,).
 
     interval_s : from each refresh to the next. missed : refreshes lost before each. late_s : from
-    a refresh to the beginning of the next one's drawing. draw_s : until that was handed over.
-    cpu_s : processor time of the loop's thread. first_draw_s : drawing of the refresh before
-    them, the first of the run; a single number.
+    a refresh to the start of the next one's drawing. draw_s : from there until it was handed over.
+    cpu_s : processor time of the loop's thread. ready : the display process' reply when it opened.
+    first_draw_s : drawing time of the run's first refresh, which comes before these; one number.
     """
 
     ready: Ready
@@ -43,7 +43,7 @@ class RefreshTiming:
 
     @classmethod
     def of(cls, log: Log, ready: Ready) -> RefreshTiming:
-        """The figures of a log."""
+        """The times in a log."""
         ns, put_ns = log[:, Column.NS], log[1:, Column.PUT_NS]
         spans_ns = (
             np.diff(ns),
@@ -72,7 +72,7 @@ class RefreshTiming:
 
 
 def measure_refreshes(config: Config, refreshes: int) -> RefreshTiming:
-    """Show random codes with guards for so many refreshes. Raises what the display raises."""
+    """Show random codes with guards for `refreshes` refreshes. Raises what the display raises."""
     presenter = DisplayProcess(make_open_request(config))
     try:
         planes = config.display.planes_per_refresh

@@ -1,7 +1,7 @@
-"""Video modes by their clock and totals, and two of them that keep step.
+"""Video modes by their clock and totals, and pairs of modes with the same rate.
 
-Sources: VESA E-EDID A2 (EDID 1.4), 3.10.2 (detailed timings); VESA DMT 1.13, by which displays take
-pixel clocks that are off by half a per cent; xorg.conf(5), Modeline.
+Sources: VESA E-EDID A2 (EDID 1.4), 3.10.2 (detailed timings); VESA DMT 1.13, by which displays
+accept pixel clocks that are off by half a per cent; xorg.conf(5), Modeline.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 from pdcd.bench.checks import RATE_TOLERANCE
 
 CLOCK_TOLERANCE = 0.005
-"""By how much, relative, a pixel clock may be off what a display names."""
+"""Largest relative difference between a pixel clock and the one that a display names."""
 _USUAL_HZ = 60.0
 _POSITIVE_H, _POSITIVE_V, _FIELDS, _DOUBLE = 1, 4, 16, 32
 """Flags of RandR."""
@@ -23,9 +23,9 @@ _POSITIVE_H, _POSITIVE_V, _FIELDS, _DOUBLE = 1, 4, 16, 32
 
 @dataclass(frozen=True)
 class VideoTiming:
-    """A mode without interlace: pixels and lines as shown, as sync begins and ends, and in all.
+    """A mode without interlace: pixels and lines that are shown, at start and end of sync, in all.
 
-    positive : whether the horizontal and the vertical sync pulse are.
+    positive : whether the horizontal and the vertical sync pulses are positive.
     """
 
     clock_khz: int
@@ -44,7 +44,7 @@ class VideoTiming:
         return self.clock_khz * 1e3 / (self.horizontal[3] * self.vertical[3])
 
     def to_modeline(self, name: str) -> str:
-        """As xorg.conf has it behind the word Modeline."""
+        """The mode as xorg.conf has it after the word Modeline."""
         numbers = " ".join(map(str, (*self.horizontal, *self.vertical)))
         signs = " ".join(
             f"{'+' if up else '-'}{axis}sync" for up, axis in zip(self.positive, "hv", strict=True)
@@ -61,8 +61,8 @@ def _is_sound(timing: VideoTiming) -> bool:
 
 
 def parse_detailed_timing(block: bytes) -> VideoTiming | None:
-    """A timing out of 18 bytes of an EDID; None for a descriptor of another kind, an interlaced or
-    an impossible one."""
+    """The timing in 18 bytes of an EDID; None for a descriptor of another kind, and for an
+    interlaced or impossible timing."""
     (clock,) = struct.unpack_from("<H", block)
     if not clock or block[17] & 0x80:
         return None
@@ -82,7 +82,7 @@ def parse_detailed_timing(block: bytes) -> VideoTiming | None:
 
 
 def from_server_mode(mode: Any) -> VideoTiming | None:
-    """A mode as RandR has it; None for one without clock or totals, or that is interlaced."""
+    """The timing of a RandR mode; None for a mode that is interlaced or lacks clock or totals."""
     flags = mode["flags"]
     if flags & (_FIELDS | _DOUBLE):
         return None
@@ -98,10 +98,10 @@ def from_server_mode(mode: Any) -> VideoTiming | None:
 def match_timings(
     projector: Sequence[VideoTiming], mask: Sequence[VideoTiming]
 ) -> tuple[VideoTiming, VideoTiming] | None:
-    """Modes of one rate for two panels, out of what each offers, its own best mode first.
+    """Modes of one rate for two panels, from the modes that each offers, its own best mode first.
 
-    Each keeps the size of its best mode. The projector's clock is moved to the mask's rate, by
-    `CLOCK_TOLERANCE` at most. None where the panels have no such modes.
+    Each panel keeps the size of its best mode. The projector's clock is moved to the mask's rate,
+    by `CLOCK_TOLERANCE` at most. None where the panels have no such modes.
     """
     found: list[tuple[int, float, int, tuple[VideoTiming, VideoTiming]]] = []
     for first, second in product(_of_own_size(projector), _of_own_size(mask)):

@@ -1,14 +1,14 @@
 """One panel's part of a window, drawn in two stages, each an exact copy by whole numbers.
 
-The largest parts of the field that are lit as one, whatever the row, are its *pieces*: cells,
-halves of cells, or windows. All patterns of a shot lie in one integer texture, bits or bytes as
-they come. A refresh first puts what each piece shows into a small picture, a pixel for each piece.
-Then every pixel of the panel is copied out of that picture, as a table says that is made once for
-each geometry (`pdcd.panels.atoms`). So a pixel costs two look-ups, upright or under a map that
-bends, and none depends on how a card rounds.
+The largest parts of the field that are always lit as one are its *pieces*: cells, halves of cells,
+or windows. All patterns of a shot lie in one integer texture, as bits or bytes. A refresh first
+draws what each piece shows into a small picture, one pixel a piece. Then every pixel of the panel
+is copied from that picture; a table, made once for each geometry (`pdcd.panels.atoms`), says from
+where. So a pixel costs two look-ups, upright or under a map that bends, and neither depends on how
+a card rounds.
 
-Panels show 8 bits: grey levels are rounded to 255ths. Their response to a level is the panel's
-own affair: nothing is corrected here.
+Panels show 8 bits: grey levels are rounded to 255ths. The panel's response to a level is not
+corrected here.
 """
 
 from __future__ import annotations
@@ -106,9 +106,9 @@ TEXTURE_WIDTH = 4096
 class Viewport:
     """One panel's part of a window, and its patterns on the graphics card.
 
-    unit : first of three texture units of the context that are the panel's own.
+    unit : the first of the panel's own three texture units of the context.
     plane_order : colours of the bit planes, where a refresh shows the 24 rows of a picture, each
-        as one bit; None where it shows one row.
+        as one bit; None where a refresh shows one row.
     """
 
     def __init__(
@@ -124,8 +124,8 @@ class Viewport:
         self._viewport = (*corner, *panel.size_px)
         self._units = {name: unit + n for n, name in enumerate(("patterns", "table", "pieces"))}
         self._textures: dict[str, moderngl.Texture] = {}
-        self._room = BIT_PLANES if plane_order else 4  # whole numbers come to shaders in fours
-        # Constants cost nothing where uniforms are read for every pixel.
+        self._room = BIT_PLANES if plane_order else 4  # shaders take whole numbers in fours
+        # Constants cost nothing, while uniforms are read for every pixel.
         version = "#version 330 core\n#define"
         groups, where = f"GROUPS {self._room // 4}", f"CORNER ivec2({corner[0]}, {corner[1]})"
         self._first = context.program(_COVER, f"{version} {groups}\n{_PIECES}")
@@ -166,7 +166,7 @@ class Viewport:
             self._place(grid, kind, frames.window)
         self._first["kind"], self._first["cols"] = kind, cols
         self._first["grey"] = grey
-        # One more, black, so that row -1 is black.
+        # One more row, black, so that row -1 is black.
         first = np.where(index >= 0, index * patterns.shape[1], index)
         self._first_byte = np.append(first, BLACK).astype(np.int32)
         self._shift = np.append(frames.shift, 0).astype(np.int32)
@@ -187,7 +187,7 @@ class Viewport:
         self._commands = []
 
     def draw_pieces(self, number: int) -> None:
-        """The first stage of one of the refreshes made ready."""
+        """Draw the first stage of one of the prepared refreshes."""
         command, canvas = self._commands[number], self._canvas
         # A code lasts several refreshes: its pieces stay as they are.
         if command is not None and command != self._drawn and canvas is not None:
@@ -197,14 +197,14 @@ class Viewport:
             self._drawn = command
 
     def draw(self, number: int) -> None:
-        """The second stage of the same, into a black window that is in use."""
+        """Draw the second stage of the same refresh into the current window, which is black."""
         if self._commands[number] is not None:
             self._context.viewport = self._viewport
             self._draw_panel.render(moderngl.TRIANGLES, vertices=3)
 
     def _blocks(self, first: NDArray[np.int32], shift: NDArray[np.int32]) -> list[bytes | None]:
-        """Uniforms of refreshes, by the first bytes and sub-shifts (refreshes, planes) of their
-        patterns; None for black."""
+        """Uniforms of refreshes, from the first bytes and sub-shifts (refreshes, planes) of their
+        patterns; None for a black refresh."""
         count, planes = first.shape
         blocks = np.full((count, 2, self._room), BLACK, dtype=np.int32)
         blocks[:, 0, :planes], blocks[:, 1, :planes] = first, shift
@@ -212,7 +212,7 @@ class Viewport:
         return [None if b else block.tobytes() for b, block in zip(black, blocks, strict=True)]
 
     def _upload(self, levels: NDArray[Any]) -> None:
-        """Put patterns into a texture, in place of those before."""
+        """Put patterns into a texture, in place of the previous ones."""
         texels = max(1, -(-levels.size // 4))
         rows = -(-texels // TEXTURE_WIDTH)
         limit = self._largest
@@ -228,7 +228,7 @@ class Viewport:
         self._texture("patterns", stream.view(np.uint32).reshape(rows, TEXTURE_WIDTH, 1))
 
     def _place(self, grid: tuple[int, int], kind: int, window: str) -> None:
-        """Make the table of a geometry, and the small picture that it copies from."""
+        """Make the table of a geometry, and the small picture that pixels are copied from."""
         self._geometry = None
         rows, cols = (1 + count_pieces(cells, kind) for cells in grid)
         largest = max(rows, cols, *self._panel.size_px)
@@ -247,8 +247,8 @@ class Viewport:
         self._geometry = grid, kind, window
 
     def _texture(self, name: str, data: NDArray[Any], dtype: str = "") -> moderngl.Texture:
-        """Put data (h, w, channels) on a panel's unit, in place of those before: whole numbers,
-        where `dtype` does not say otherwise."""
+        """Put data (h, w, channels) on a texture unit of the panel, in place of the previous data:
+        as whole numbers, unless `dtype` says otherwise."""
         if name in self._textures:
             self._textures.pop(name).release()
         height, width, channels = data.shape
@@ -267,7 +267,7 @@ class Viewport:
 
 
 def count_pieces(cells: int, kind: int) -> int:
-    """How many pieces there are along an axis."""
+    """Number of pieces along an axis."""
     windows_ = {WINDOWS: 2 * cells + 1, STRIPS: 4 * cells + 1}
     return {CELLS: cells, HALVES: 2 * cells, PIXELS: cells, **windows_}[kind]
 
@@ -275,8 +275,8 @@ def count_pieces(cells: int, kind: int) -> int:
 def build_pixel_table(
     panel: PanelView, grid: tuple[int, int], kind: int, window: str
 ) -> NDArray[Any]:
-    """Which pixel of the small picture each pixel of a panel copies, (height, width, 2): across and
-    down, 0 beside the field; uint8 where that is enough, else uint16."""
+    """The pixel of the small picture that each pixel of a panel copies, (height, width, 2): across
+    and down, 0 beside the field; uint8 where that is enough, else uint16."""
     if kind == PIXELS:
         number = np.stack(np.meshgrid(*(np.arange(1, n + 1) for n in panel.size_px)), axis=-1)
     elif kind == STRIPS:

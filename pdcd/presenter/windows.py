@@ -1,6 +1,6 @@
 """Windows of both panels on one X screen: drawn, swapped, black.
 
-What a panel's part of a window shows is drawn by `pdcd.presenter.viewport`.
+`pdcd.presenter.viewport` draws each panel's part of a window.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ _GL_DITHER = 0x0BD0
 class PanelWindows:
     """Both panels in one window over the whole X screen ("span"), or each in its own ("windows").
 
-    Only a window that covers the whole screen is shown by page flips. With two windows the mask's
-    swap waits for the vblank and the projector's does not, or they would halve the rate.
+    Only a window that covers the whole screen is shown by page flips. With two windows, only the
+    mask's swap waits for the vblank: if both waited, the rate would be halved.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class PanelWindows:
 
     @property
     def renderer(self) -> str:
-        """Name of what draws."""
+        """Name of the renderer."""
         return str(self._contexts[0].info["GL_RENDERER"])
 
     def load(self, frames: Frames) -> None:
@@ -75,7 +75,7 @@ class PanelWindows:
             for panel in panels:
                 panel.load(frames)
                 panel.warm_up()
-        self.draw_black()  # nothing lit is left where a swap would show it
+        self.draw_black()  # so that no swap can show the white refresh
         self.finish()
         self.check()
 
@@ -89,7 +89,7 @@ class PanelWindows:
         for context_number, context in enumerate(self._contexts):
             self._use(context_number)
             panels = self._panels_of[context_number]
-            # Both first stages, then both second ones: what is drawn on changes once.
+            # Both first stages, then both second ones: the target changes only once.
             for panel in panels:
                 panel.draw_pieces(number)
             context.screen.use()
@@ -104,14 +104,14 @@ class PanelWindows:
             context.screen.clear()
 
     def finish(self) -> None:
-        """Wait until everything drawn is drawn."""
+        """Wait until the graphics card has finished drawing."""
         for number, context in enumerate(self._contexts):
             if self._several:
                 glfw.make_context_current(self._handles[number])
             context.finish()
 
     def swap(self) -> None:
-        """Show what was drawn."""
+        """Swap the buffers: show what was drawn."""
         for handle in self._handles:
             if self._several:
                 glfw.make_context_current(handle)
@@ -125,12 +125,12 @@ class PanelWindows:
         self.settle()
 
     def settle(self) -> None:
-        """Wait until the server has taken what was swapped."""
+        """Wait until the server has taken the swapped buffers."""
         self.finish()
         self._sync()
 
     def check(self) -> None:
-        """Raise DeviceLost after a GL error, a lost context among them."""
+        """Raise DeviceLost after a GL error, such as a lost context."""
         for number, context in enumerate(self._contexts):
             self._use(number)
             error = context.error
@@ -181,7 +181,7 @@ class PanelWindows:
         context.disable_direct(_GL_DITHER)
         self._contexts.append(context)
         self._panels_of.append([])
-        # Two frames, so that neither buffer holds anything else when the window appears.
+        # Two black frames, so that neither buffer holds anything else when the window appears.
         for _ in range(2):
             context.screen.clear()
             glfw.swap_buffers(handle)
@@ -205,7 +205,7 @@ def _x_display() -> int:
 
 
 def _x_sync(display: int) -> Any:
-    """A call that returns when the X server has done all it was asked on this connection."""
+    """A function that returns when the X server has done everything asked on this connection."""
     library = ctypes.CDLL("libX11.so.6")
     library.XSync.argtypes = [ctypes.c_void_p, ctypes.c_int]
     return lambda: library.XSync(display, 0)

@@ -49,13 +49,13 @@ def close_x_connection(display: Any) -> None:
     """Close a connection, whatever its state."""
     with contextlib.suppress(error.ConnectionClosedError, OSError):
         display.close()
-    # python-xlib forgets this on a connection that the server has ended.
+    # python-xlib does not do this on a connection that the server has ended.
     display.display.socket.close()
 
 
 @contextlib.contextmanager
 def guard_x_calls(display: Any) -> Iterator[None]:
-    """Raise DeviceLost when the server goes away meanwhile."""
+    """Raise DeviceLost when the server goes away inside the block."""
     try:
         yield
     except (error.ConnectionClosedError, OSError) as err:
@@ -63,7 +63,8 @@ def guard_x_calls(display: Any) -> Iterator[None]:
 
 
 def _knock(number: int) -> None:
-    """Fail as a plain socket does: python-xlib would go on to try TCP, and leak both sockets."""
+    """Connect with a plain socket first, which fails cleanly: python-xlib would go on to try TCP,
+    and leak both sockets."""
     path = f"/tmp/.X11-unix/X{number}"
     address = path if Path(path).exists() else "\0" + path
     with socket.socket(socket.AF_UNIX) as probe:
@@ -71,7 +72,7 @@ def _knock(number: int) -> None:
 
 
 class ServerLost(DeviceLost):
-    """The X server itself is gone, and not only what was asked of it."""
+    """The X server itself is gone, not only the thing that was asked for."""
 
 
 def make_server_lost(name: str, why: str) -> ServerLost:

@@ -1,10 +1,10 @@
 """Pixels of the root window: what the X server holds for both panels, whoever drew it.
 
 These are the pixels that the server would scan out, before gamma tables, the link and the panel.
-With option `grab_px` the display process looks at its own after every refresh, for tests of the
-whole chain: a wrong pixel, exchanged panels, a mirrored or shifted window then show in the photo of
-a virtual camera. That takes about 2 ms at a quarter of full size; at full size it takes longer than
-a refresh, so that every one of them counts as missed.
+With option `grab_px` the display process reads them after every refresh, for tests of the whole
+chain: a wrong pixel, exchanged panels, a mirrored or shifted window then show in the photo of a
+virtual camera. That takes about 2 ms at a quarter of full size; at full size it takes longer than a
+refresh, so that every refresh counts as missed.
 
 Source: X11 protocol, GetImage; xcb/xproto.h for the layout of its reply.
 """
@@ -34,7 +34,7 @@ PICTURES = ("projector_pictures", "mask_pictures")
 """Names of the shared arrays, (refreshes, height, width) uint16: sums of the colour channels."""
 
 MOST_GRAB_BYTES = 2**31
-"""A longer run than this many bytes of pictures is refused."""
+"""Most bytes of pictures; a longer run is refused."""
 
 _ZPIXMAP = 2
 _ALL_PLANES = 0xFFFFFFFF
@@ -76,14 +76,14 @@ class RootGrabber:
             raise make_server_lost(self._name, "connection refused")
 
     def grab(self, box: tuple[int, int, int, int] | None = None) -> Pixels:
-        """Pixels of `box` (x, y, width, height), or of the whole screen as it was at first.
+        """Pixels of `box` (x, y, width, height), or of the whole screen in its first size.
 
         Raises ConfigError when the box is not within the screen.
         """
         x, y, width, height = box or (0, 0, *self.size_px)
         if self._connection is None:
             raise DeviceLost("the grabber is closed", device="display", hint="open a new one")
-        # All fields of the request are unsigned or small: never let one wrap round.
+        # All fields of the request are unsigned or short: never let one wrap round.
         if min(x, y) < 0 or min(width, height) < 1 or max(x, y, width, height) > 0x7FFF:
             raise _outside(x, y, width, height)
         cookie = self._xcb.xcb_get_image(
@@ -134,7 +134,7 @@ def _outside(x: int, y: int, width: int, height: int) -> ConfigError:
 
 
 class _Library:
-    """The functions of libxcb that are used, and `free`, with their signatures."""
+    """The libxcb functions that are used, and `free`, with their signatures."""
 
     def __init__(self) -> None:
         xcb, pointer, u32 = ctypes.CDLL("libxcb.so.1"), ctypes.c_void_p, ctypes.c_uint32
@@ -191,9 +191,9 @@ def reserve_pictures(
 class Grabs:
     """Pictures of both panels, taken by the display process after each refresh.
 
-    `boxes` are where the virtual bench has its panels, whatever the windows' places are: a panel
-    that is shown elsewhere is then seen as what it is. `settle` returns once the server has taken
-    what was swapped.
+    `boxes` are where the virtual bench has its panels, wherever the windows are: if a panel is
+    shown elsewhere, the pictures show that. `settle` returns once the server has taken the swapped
+    buffers.
     """
 
     def __init__(
@@ -209,7 +209,7 @@ class Grabs:
         self._into = [arrays[name] for name in PICTURES if name in arrays]
 
     def take(self, number: int) -> None:
-        """Look at the screen: this is what refresh `number` shows."""
+        """Read the screen, as the picture of refresh `number`."""
         if not self._into:
             return
         self._settle()

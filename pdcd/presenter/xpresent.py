@@ -28,7 +28,7 @@ class CompleteNotify(ctypes.LittleEndianStructure):
     """xcb_present_complete_notify_event_t; libxcb puts full_sequence at byte 32 of any event."""
 
     _pack_ = 1
-    _layout_ = "ms"  # which goes with it, and has to be said from Python 3.14 on
+    _layout_ = "ms"  # belongs to _pack_; required from Python 3.14 on
     _fields_ = (
         ("response_type", ctypes.c_uint8),
         ("extension", ctypes.c_uint8),
@@ -87,7 +87,7 @@ class PresentEvents:
         self.flipped = 0
 
     def ask(self, msc: int) -> None:
-        """Ask for an event at vblank `msc`, at once when that has passed."""
+        """Ask for an event at vblank `msc`; it comes at once when that has passed."""
         self._serial += 1
         self._present.xcb_present_notify_msc(
             self._connection, self._window, self._serial, msc, 0, 0
@@ -103,7 +103,7 @@ class PresentEvents:
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
         woken: object = None
         if self._asked and kind == KIND_MSC:
-            # The answer cannot have been read before it came; a look at what was read is saved.
+            # The answer cannot be among events read earlier, so these need not be searched first.
             woken = self._poller.poll(timeout_s * 1e3)
         self._asked = False
         while True:
@@ -118,7 +118,7 @@ class PresentEvents:
                 if wanted:
                     return True
                 continue
-            # A server that is gone wakes the poll and sends no event.
+            # When the server is gone, the poll wakes without an event.
             if woken and self._xcb.xcb_connection_has_error(self._connection):
                 raise make_server_lost(self._display, "it ended the connection")
             left_ms = (deadline_ns - time.monotonic_ns()) * 1e-6
