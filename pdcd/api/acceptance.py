@@ -1,7 +1,7 @@
 """The acceptance of a bench: a fixed list of checks in front of a white card, on one page to print.
 
-Everything is looked at by what the rest of the program already says: doctors, the calibration in
-use, and two captures of direct light. Only the comparison of these two is worked out here.
+All checks use what other parts of the program report: doctors, the calibration in use, and two
+captures of direct light. Only the comparison of these two is computed here.
 """
 
 from __future__ import annotations
@@ -38,12 +38,13 @@ _STEPS: dict[Cause | None, str] = {
     Cause.CODES_APART: "timing",
     Cause.MASK_BLUR: "registration",
 }
-"""Steps of a calibration that find what is wrong with places; of others `geometry` does."""
+"""The calibration step to run for each cause of wrong places; for other causes it is `geometry`."""
 SCALE_OFF, NOISE_OFF, REPEAT_OFF = 0.1, 1.25, 1.5
 SUM_OFF, CARD_INDIRECT, ROOM_LIGHT = 0.03, 0.03, 0.05
 FULL_LEAST, FULL_MOST = 0.1, 0.98
-"""Limits: of white over the card's albedo; of noise and of differences over what is expected; of
-the sum, the card's indirect light and the room's over white; of the brightest sample over full."""
+"""Limits of: white relative to the card's albedo; noise and differences relative to their error
+bars; the sum, the card's indirect light and the room's light, relative to white; and the brightest
+sample, relative to a full one."""
 _State = Literal["pass", "fail", "not tried"]
 
 
@@ -60,7 +61,7 @@ class AcceptanceRow:
 
 @dataclass(frozen=True)
 class AcceptanceRecord:
-    """All rows of a bench, with what names it."""
+    """All rows of a bench, with its name, its devices and the time."""
 
     bench: str
     when_utc: str
@@ -74,7 +75,7 @@ class AcceptanceRecord:
 
     @property
     def result(self) -> str:
-        """The same in words, with what was not tried."""
+        """Whether the bench is accepted, in words, and which checks were not tried."""
         untried = ", ".join(row.check for row in self.rows if row.state == "not tried")
         words = "accepted" if self.accepted else "not accepted"
         return f"{words}; not tried: {untried}" if untried else words
@@ -83,8 +84,9 @@ class AcceptanceRecord:
 def check_acceptance(
     config: Config, findings: Iterable[Finding], folder: Path | None = None
 ) -> AcceptanceRecord:
-    """Take the photos and work out all rows. A flat white card is taken to stand there. For
-    `pdcd doctor bench`. findings : of the doctors. folder : where the runs go. Raises PdcdError."""
+    """Take the photos and compute all rows, assuming that a flat white card stands in front of the
+    bench. For `pdcd doctor bench`. findings : of the doctors. folder : where the runs go. Raises
+    PdcdError."""
     rows = [*_doctor_rows(findings)]
     with LocalBench(config, folder) as bench:
         first, second = (bench.capture("direct", seed=seed, progress=False) for seed in (0, 1))
@@ -121,7 +123,7 @@ def _doctor_rows(findings: Iterable[Finding]) -> Iterator[AcceptanceRow]:
 
 
 def _calibration_rows(run: Run, passed_over: str) -> Iterator[AcceptanceRow]:
-    """The calibration that a run went by, and which were passed over, in words."""
+    """Rows on the calibration that a run used. passed_over : those it did not use, in words."""
     used = run.manifest.config["calibration"]
     if used.get("sha256") is None:
         yield AcceptanceRow(
@@ -146,7 +148,7 @@ def _calibration_rows(run: Run, passed_over: str) -> Iterator[AcceptanceRow]:
 
 
 def _photo_rows(config: Config, first: Run, second: Run) -> Iterator[AcceptanceRow]:
-    """What two captures of direct light say, by themselves and of each other."""
+    """Rows from two captures of direct light, each alone and compared with each other."""
     runs = first, second
     shots = [shot for run in runs for shot in run.manifest.run.shots]
     missed = sum(shot.missed for shot in shots)
@@ -169,7 +171,7 @@ def _row(check: str, good: bool, found: str, limit: str, advice: str = "") -> Ac
 
 
 def _decode(run: Run) -> tuple[Mapping[str, PictureWithErrors], list[VerdictFinding]]:
-    """All pictures of a run, and what the verdict says of where panels and camera are."""
+    """All pictures of a run, and what the verdict says about the places of panels and camera."""
     record = run.manifest.run
     with convert_record_errors(run.folder):
         decoded = Darkroom(run.folder, record).decoded(Watch())
@@ -177,11 +179,11 @@ def _decode(run: Run) -> tuple[Mapping[str, PictureWithErrors], list[VerdictFind
 
 
 def make_place_row(look: PanelLook | None, said: Iterable[VerdictFinding]) -> AcceptanceRow:
-    """Whether both panels lie where they are believed to, as the verdict has it. For
+    """Whether both panels lie where they are believed to, according to the verdict. For
     `check_acceptance`.
 
-    look : at blocks on both panels, None where none was wanted. said : of places, by the verdict;
-        that nobody looked is no fault.
+    look : the result of photos of blocks on both panels, None where none were wanted. said : what
+        the verdict says about places; it is no fault that no photos were taken to look.
     """
     check, limit = "places of the panels", "as the verdict of a photo has it"
     wrong = [
@@ -199,7 +201,7 @@ def make_place_row(look: PanelLook | None, said: Iterable[VerdictFinding]) -> Ac
 
 
 def _light_rows(config: Config, run: Run) -> Iterator[AcceptanceRow]:
-    """How much light there is: in the files, from the room, and over the card's albedo."""
+    """Rows on light: in the files, from the room, and relative to the card's albedo."""
     record, field = run.manifest.run, run.pictures["white"].max(axis=-1) > 0.0
     white, indirect = (run.pictures[n].astype(np.float64)[field] for n in ("white", "indirect"))
     shot = next(one for one in record.shots if one.name == "white")
@@ -238,8 +240,8 @@ def _light_rows(config: Config, run: Run) -> Iterator[AcceptanceRow]:
 
 
 def _compared(made: Sequence[Mapping[str, PictureWithErrors]]) -> Iterator[AcceptanceRow]:
-    """Whether the pictures of two captures differ by what their error bars say."""
-    # Outside the field, and where a sample is full, nothing is known: bars are infinite.
+    """Rows on whether the pictures of two captures differ by as much as their error bars say."""
+    # Outside the field, and where a sample is full, nothing is known: error bars are infinite.
     known = np.logical_and.reduce([np.isfinite(one.sigma) for two in made for one in two.values()])
     off = {name: made[0][name].image - made[1][name].image for name in ("white", "direct")}
     for check, name, bars, most, advice in (
@@ -262,5 +264,5 @@ def _compared(made: Sequence[Mapping[str, PictureWithErrors]]) -> Iterator[Accep
 
 
 def _rms(values: Floats) -> float:
-    """Of values that are known; of none it is infinite, which no limit allows."""
+    """RMS of known values; infinite if there are none, which exceeds every limit."""
     return float(np.sqrt(np.mean(values**2))) if values.size else np.inf

@@ -1,4 +1,4 @@
-"""Keywords of a capture -> a request and its arrays, each checked before anything is asked."""
+"""Keywords of a capture -> a request and its arrays, all checked before a bench is asked."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ ArrayArgument = ArrayLike | Path
 
 
 class Arguments(TypedDict, total=False):
-    """What a capture takes beside its goal, for type checkers and editors, which read no loop.
+    """What a capture takes besides its goal, spelt out for type checkers and editors.
 
-    Names and types are those of the fields of `pdcd.protocol.request.CaptureRequest`, as a test
-    compares them; docs/request.md explains them. Arrays may be arrays, too.
+    Names and types are those of the fields of `pdcd.protocol.request.CaptureRequest`, which a test
+    checks; docs/request.md explains them. Arrays may also be given as arrays.
     """
 
     codes: int
@@ -92,7 +92,7 @@ def make_request(
 ) -> tuple[CaptureRequest, dict[str, Sendable]]:
     """The request that a goal and keywords make, and its arrays by field.
 
-    grid : rows and columns of the rig's cells; asked for where a prior comes as an array.
+    grid : returns rows and columns of the rig's cells; called where a prior is given as an array.
 
     Raises RequestError naming all faults, one a line.
     """
@@ -131,7 +131,7 @@ def make_request(
 
 
 def to_json_types(value: Any) -> Any:
-    """The value in types of JSON: of numpy, of pathlib, and of tables and rows of these."""
+    """The value in types of JSON; it may hold types of numpy and pathlib, in tables and rows."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, os.PathLike):
@@ -144,7 +144,7 @@ def to_json_types(value: Any) -> Any:
 
 
 def _row(value: Any, field: Field) -> Any:
-    """One word as a row of words, where its letters would be one."""
+    """The value; a single word where a row of words is wanted becomes a row of one word."""
     return [value] if field.kind == "words" and isinstance(value, str) else value
 
 
@@ -164,7 +164,7 @@ def _array(name: str, value: Any, faults: list[str]) -> Sendable:
 def _file(
     name: str, value: Any, packed: Callable[[Any], dict[str, NDArray[Any]]], faults: list[str]
 ) -> Sendable:
-    """A file of arrays: what was named, or what these arrays would be in."""
+    """A file of arrays: the named file, or the bytes of a file with the given arrays."""
     if isinstance(value, str | os.PathLike):
         return Path(value)
     try:
@@ -178,12 +178,12 @@ def _file(
 
 
 def _pack_transport(grid: Callable[[], tuple[int, int]], prior: Any) -> dict[str, NDArray[Any]]:
-    """A prior as the file of a scene has it."""
+    """A prior in the form of a scene's file."""
     return {"transport": np.asarray(prior, dtype=np.float64), "grid": np.array(grid())}
 
 
 def _pack_pair(value: Any) -> dict[str, NDArray[Any]]:
-    """Codes of projector and mask. Raises ValueError for what is no pair of arrays of numbers."""
+    """Codes of projector and mask. Raises ValueError unless it is a pair of arrays of numbers."""
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise ValueError("it takes the path of a file, or two arrays (primal, dual)")
     pair = dict(zip(("primal", "dual"), map(np.asarray, value), strict=True))

@@ -1,4 +1,4 @@
-"""What can be asked of a bench, be it in this process or behind a daemon's socket."""
+"""What can be asked of a bench, whether in this process or behind a daemon's socket."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ NONE: Arrays = MappingProxyType({})
 class Bench(ABC):
     """A bench that takes photos; a context manager that releases its devices at the end.
 
-    For one thread. Whatever happens in a capture, panels are black and the shutter is closed when
-    it returns or raises.
+    It is for one thread. Whatever happens in a capture, panels are black and the shutter is closed
+    when it returns or raises.
     """
 
     @property
@@ -50,7 +50,7 @@ class Bench(ABC):
 
     @abstractmethod
     def foresee(self, request: CaptureRequest, arrays: Arrays = NONE) -> PlanSummary:
-        """What a request would do, without doing it; `plan` is the same by keywords."""
+        """What a request would do, without doing it; `plan` does the same from keywords."""
 
     @abstractmethod
     def take(
@@ -61,8 +61,8 @@ class Bench(ABC):
         on_event: EventListener | None = None,
         report: bool = False,
     ) -> CaptureResult:
-        """Take the photo of a request and return how the job ended; no error is raised for what
-        fails once the job has begun. `capture` is the same by keywords.
+        """Take the photo of a request and return how the job ended; failures after the job has
+        begun raise no error. `capture` does the same from keywords.
 
         report : write its page (`pdcd.pages.report`) at once, if that costs little.
 
@@ -84,7 +84,8 @@ class Bench(ABC):
         Parameters
         ----------
         goal : which light to keep, such as "indirect" (`pdcd.recipes.goals`).
-        progress : whether to show it, in a notebook or on the terminal; or what takes each event.
+        progress : whether to show progress, in a notebook or on the terminal; or a function that
+            takes each event.
         arguments : fields of `pdcd.protocol.request.CaptureRequest`. Arrays are numpy arrays, rows
         of
             numbers, or paths.
@@ -94,8 +95,8 @@ class Bench(ABC):
         RequestError
             A keyword is unknown or wrong, or the bench cannot do this.
         PdcdError
-            The job failed: the error that it ended by. What was taken is kept; a note on the error
-            says where.
+            The job failed: this is the error that ended it. What was taken is kept; a note on the
+            error says where.
         """
         request, arrays = make_request(goal, arguments, lambda: self.grid)
         with show_progress(progress) as on_event:
@@ -103,8 +104,8 @@ class Bench(ABC):
         return open_finished_run(result)
 
     def begin_stream(self, request: StreamRequest, arrays: Arrays = NONE) -> PictureStream:
-        """Begin a stream; `stream` is the same by keywords. Raises RequestError where the bench has
-        none."""
+        """Begin a stream; `stream` does the same from keywords. Raises RequestError where the bench
+        cannot stream."""
         raise RequestError("this bench has no streams", hint="take captures, one after the other")
 
     def stream(
@@ -120,13 +121,13 @@ class Bench(ABC):
 
         Parameters
         ----------
-        goal, arguments : as of `capture`; `codes` are those of each photo, 32 by default,
+        goal, arguments : as for `capture`; `codes` is the number for each photo, 32 by default,
             and `parts` the photos of a set, 4 at least: each takes the next part of the set.
-        over : how many of the newest photos make a picture.
+        over : number of the newest photos that make a picture.
         rate_hz : pictures a second at most; None: 30.
-        for_s : end after so many seconds of pictures; None: when it is closed.
+        for_s : end after this many seconds of pictures; None: when it is closed.
 
-        Raises RequestError; while it is looped over, the error that the stream ended by.
+        Raises RequestError; looping raises the error that ended the stream.
         """
         request, arrays = make_request(goal, arguments, lambda: self.grid)
         try:

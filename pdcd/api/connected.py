@@ -29,9 +29,9 @@ def connect(socket: Path | str | None = None, *, queue: bool = False) -> DaemonB
     Parameters
     ----------
     socket : path of the daemon's socket; None: the one that the configuration names.
-    queue : wait while others use the bench, however long, instead of being refused.
+    queue : wait while others use the bench, for any time, instead of being refused.
 
-    Raises `pdcd.errors.BusyError` where too many wait, and ConnectionError where no daemon answers.
+    Raises `pdcd.errors.BusyError` when too many wait, and ConnectionError when no daemon answers.
     """
     return DaemonBench(
         Client(find_socket_path(load_config()) if socket is None else Path(socket)), queue=queue
@@ -43,7 +43,7 @@ class DaemonBench(Bench):
 
     def __init__(self, client: Client, *, queue: bool = False) -> None:
         self.client = client
-        """The connection, for what the socket offers besides photos: `events`, `status` ..."""
+        """The connection, for what else the socket offers besides photos: `events`, `status` ..."""
         self._queue = queue
         self._grid: tuple[int, int] | None = None
 
@@ -55,8 +55,8 @@ class DaemonBench(Bench):
         return self._grid
 
     def described(self) -> dict[str, Any]:
-        """The rig as the daemon describes it, and the daemon's configuration, but for where it
-        serves; None for who may not read that."""
+        """The rig as the daemon describes it, and the daemon's configuration without its table
+        `server`; None in its place if this user may not read it."""
         found: dict[str, Any] = msgspec.to_builtins(self.client.describe())
         try:
             config = {**self.client.call("config.get")}
@@ -79,7 +79,8 @@ class DaemonBench(Bench):
             raise
 
     def _end_plans(self) -> None:
-        """End the plans of this process: their names are not told before they are made."""
+        """End the plans of this process; all of them, as a plan's name is not known before it is
+        made."""
         for job in self.client.list():
             ours = job.kind == "plan" and job.owner.pid == os.getpid()
             if ours and job.state in ("queued", "running"):

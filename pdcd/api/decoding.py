@@ -1,4 +1,4 @@
-"""A run's pictures made again from its RAW files, with options other than the run's own."""
+"""A run's pictures, made again from its RAW files with options other than the run's own."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from pdcd.words import NormaliseName
 
 @dataclass(frozen=True, eq=False)
 class DecodingResult:
-    """What came out.
+    """The result of decoding a run again.
 
-    image, sigma : (rows, cols, C) float64; C is 3, or 1 of a camera without colours
-        As of the run: means over the cells, scene units.
+    image, sigma : (rows, cols, C) float64; C is 3, or 1 for a camera without colours
+        As in the run: means over the cells, scene units.
     sigma_kind : "measured", "sensor" or "whole" (`pdcd.api.run.Run.sigma_kind`).
     rms_sigma : RMS sigma over RMS image, on the camera's quads; infinite where that is not known.
     pictures : by name, each with `.image` and `.sigma`, (h, w, C), a pixel for each of the camera's
@@ -52,7 +52,7 @@ def decode_again(
     parts: int | None,
     on_event: EventListener | None,
 ) -> DecodingResult:
-    """Make the pictures of a run; nothing is written. None keeps the run's own value of an option.
+    """Make the pictures of a run again; nothing is written. None keeps the run's own option.
 
     Raises RequestError for a number of parts that the run does not have, and DecodeError.
     """
@@ -74,7 +74,7 @@ def decode_again(
 def compute_error_budget(
     folder: Path, record: RunRecord, on_event: EventListener | None
 ) -> tuple[ErrorRow, ...]:
-    """What the error of a run's answer comes from (`Run.error_budget`). Raises DecodeError."""
+    """The sources of the error of a run's answer (`Run.error_budget`). Raises DecodeError."""
     with convert_record_errors(folder):
         darkroom = Darkroom(folder, record)
         decoded = darkroom.decoded(_watch(on_event))

@@ -30,15 +30,15 @@ _R = TypeVar("_R")
 
 COMMAND = make_module_command("pdcd.api.executors")
 _CONNECT_S = 10.0
-"""For how long a cluster may not answer."""
+"""Longest time that a cluster may take to answer."""
 
 
 class Processes(ThreadPoolExecutor):
-    """An executor whose threads have their calls made in a process each.
+    """An executor whose threads each make their calls in a process of their own.
 
     The processes are started by their own command, not as copies of the caller: a script needs no
-    main guard, a notebook may start them, and one that dies fails its own call and no other
-    (decision 0048). What a call raises ends its process: it is to return whatever goes wrong.
+    main guard, a notebook may start them, and a process that dies fails only its own call
+    (decision 0048). An exception in a call ends its process, so calls should return their errors.
     """
 
     def __init__(self, workers: int) -> None:
@@ -48,16 +48,16 @@ class Processes(ThreadPoolExecutor):
         self._started: list[Child[Any]] | None = []
 
     def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
-        """The future of a call; it raises PdcdError where the process died."""
+        """The future of a call; its result raises PdcdError if the process died."""
         return super().submit(self._call, fn, args)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End all processes, whatever they are at."""
+        """End all processes, whatever they are doing."""
         super().shutdown(wait=False, cancel_futures=cancel_futures)
         with self._lock:
             started, self._started = self._started or [], None
         for child in started:
-            child.process.kill()  # the thread that waits for it then goes on
+            child.process.kill()  # the thread that waits for it then continues
         super().shutdown()
         for child in started:
             child.kill()
@@ -101,7 +101,7 @@ def connect_cluster(cluster: Any) -> Iterator[Executor]:
     open. Raises ConfigError."""
     client = _connect(cluster) if isinstance(cluster, str) else cluster
     try:
-        # The same request is asked again to see another noise: none is like another.
+        # The same request may be repeated for other noise: calls are not pure.
         yield client.get_executor(pure=False, retries=0)
     finally:
         if client is not cluster:

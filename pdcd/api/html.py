@@ -18,7 +18,7 @@ _TEMPLATE = "notebook.html"
 _WIDTH_PX = 320
 """Width of a preview in a notebook; larger ones are drawn smaller."""
 _QUALITY = 85
-"""Of JPEG: a page of a notebook holds many pictures."""
+"""JPEG quality; a page of a notebook holds many pictures."""
 
 _FIGURES = (
     ("codes", "codes", "{:.0f}"),
@@ -42,9 +42,9 @@ def format_run_html(
     warnings: Sequence[str],
     previews: Iterable[tuple[str, bytes]],
 ) -> str:
-    """A run: previews, a line for each figure that is known, what speaks for and against it.
+    """A run: previews, a line for each known figure, and the verdict with reasons and warnings.
 
-    previews : pictures by name with the bytes of their PNG files, the first to be shown first.
+    previews : names of pictures with the bytes of their PNG files, in the order to show them.
     """
     rows = [(name, form.format(v)) for key, name, form in _FIGURES if (v := summary.get(key))]
     shares = ((name, summary.get(key)) for key, name in _SHARES)
@@ -69,8 +69,8 @@ def format_table_html(heads: Sequence[str], rows: Sequence[Sequence[str]], note:
 
 
 def _shown(previews: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, str]]:
-    """Names and data of pictures; one that cannot be read is left out, as they are for eyes:
-    whoever asks for the numbers is told."""
+    """Names and data of pictures. A picture that cannot be read is left out, as previews are only
+    to look at: reading its numbers raises an error."""
     for name, content in previews:
         try:
             yield name, base64.b64encode(_small(name, content)).decode("ascii")
@@ -79,7 +79,7 @@ def _shown(previews: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, str]]:
 
 
 def _small(name: str, content: bytes) -> bytes:
-    """A picture as a JPEG file of at most the width wanted. Raises DecodeError."""
+    """A picture as a JPEG file, at most `_WIDTH_PX` wide. Raises DecodeError."""
     import cv2
 
     try:

@@ -49,8 +49,8 @@ def local(config: Configured = None, *, folder: Path | str | None = None) -> Loc
     Parameters
     ----------
     config : None for the configuration that `pdcd` itself would use, which is the mock bench if
-        there is no file; the path of a file; TOML text, which is a `str` with a line break or a `=`
-        in it; or tables, such as ``{"scene": {"kind": "wax-disk"}}``.
+        there is no file; the path of a file; TOML text, which is any `str` with a line break or a
+        `=` in it; or tables, such as ``{"scene": {"kind": "wax-disk"}}``.
     folder : where run folders go; None: below the state folder, as the configuration says.
 
     Raises ConfigError and DriverUnavailable. The devices are opened by the first capture.
@@ -59,7 +59,7 @@ def local(config: Configured = None, *, folder: Path | str | None = None) -> Loc
 
 
 def resolve_config(given: Configured, base: Config | None = None) -> Config:
-    """The configuration that was given in one of these ways. Raises ConfigError.
+    """The configuration that was given in one of the ways of `local`. Raises ConfigError.
 
     base : values of the keys that text or tables leave out; None: those of the mock bench.
     """
@@ -80,7 +80,7 @@ def resolve_config(given: Configured, base: Config | None = None) -> Config:
 
 
 class LocalBench(Bench):
-    """A bench in this process, closed until it is first used; once more after `close`."""
+    """A bench in this process. It opens at its first use, and again at the first after `close`."""
 
     def __init__(self, config: Config, folder: Path | None = None) -> None:
         require_linux("a bench")
@@ -113,8 +113,8 @@ class LocalBench(Bench):
         return describe_bench(self._config)
 
     def close(self) -> None:
-        """Release the devices, and end a stream of them. Idempotent; the next capture opens them
-        again."""
+        """Release the devices, and end a running stream. Idempotent; the next capture opens the
+        devices again."""
         if (stream := self._stream()) is not None:
             stream.close()
         if self._opened:
@@ -146,7 +146,7 @@ class LocalBench(Bench):
         *,
         report: bool,
     ) -> CaptureResult:
-        """The same, ended when `cancelled()` says so, which is asked at every step; `report` is
+        """The same, but ended when `cancelled()` is true, which is asked at every step; `report` is
         that of `Engine.capture`."""
         if request.out is None and self._folder is not None:
             request = msgspec.structs.replace(request, out=str(self._folder.absolute()))
@@ -167,14 +167,14 @@ class LocalBench(Bench):
             self._used.release()
 
     def begin_stream(self, request: StreamRequest, arrays: Arrays = NONE) -> PictureStream:
-        """Begin a stream (see `Bench.begin_stream`); the bench is for nothing else meanwhile."""
+        """Begin a stream (see `Bench.begin_stream`); until it ends, the bench does nothing else."""
         return self.stream_drawn(request, arrays, draw=False)
 
     def stream_drawn(
         self, request: StreamRequest, arrays: Arrays = NONE, *, draw: bool
     ) -> LocalStream:
-        """The same, with pictures as JPEGs, too, where these are to be drawn."""
-        make_set_request(request)  # what is no stream is refused at once
+        """The same; with `draw`, pictures are also drawn as JPEGs."""
+        make_set_request(request)  # a request that cannot be streamed is refused at once
         wanted, given = self._read(request, arrays)
         if not isinstance(wanted, StreamRequest):
             raise PdcdError("a stream became a photo")
@@ -195,11 +195,11 @@ class LocalBench(Bench):
             self._used.release()
             raise
         stream = LocalStream(run, draw=draw)
-        self._stream = weakref.ref(stream)  # it ends when nobody else holds it
+        self._stream = weakref.ref(stream)  # the stream ends when nothing else holds it
         return stream
 
     def _begin_use(self) -> None:
-        """Keep the rig for one photo or stream. Raises BusyError while there is another one."""
+        """Reserve the rig for one photo or stream. Raises BusyError while there is another one."""
         if not self._used.acquire(blocking=False):
             raise BusyError(
                 "this bench is taking a photo or a stream", hint="wait for its end, or end it first"
@@ -211,7 +211,7 @@ class LocalBench(Bench):
         self._opened = True
         try:
             self._engine.start()
-        except BaseException:  # which may have opened one device of three
+        except BaseException:  # some devices may be open already
             self.close()
             raise
 
@@ -225,29 +225,29 @@ class LocalBench(Bench):
 
 
 def describe_bench(config: Config) -> dict[str, Any]:
-    """A configuration in plain values, with what the calibration measured that it asks for, and
-    the SHA-256 of the files that it names. Raises ConfigError for a calibration that is none."""
+    """A configuration in plain values, with the measurements of the calibration it asks for, and
+    the SHA-256 of the files that it names. Raises ConfigError for an unusable calibration."""
     config = apply_calibration(config)
     names = (config.scene.path, config.bench.truth, config.camera.profile)
     files = [Path(name) for name in names if name is not None]
     sums = {}
     for file in files:
-        with suppress(UnsoundFileError):  # of the bundled ones a name is no file
+        with suppress(UnsoundFileError):  # names of bundled profiles are not files
             sums[str(file)] = hash_file(file, MAX_PICTURE_BYTES)
     return {"config": msgspec.to_builtins(config), "files": sums}
 
 
 def describe_owner() -> OwnerView:
-    """Who asks, as a daemon would learn it from the kernel."""
-    import pwd  # which Windows lacks, where runs are only read
+    """The user of this process, as a daemon would learn it from the kernel."""
+    import pwd  # missing on Windows, where runs are only read
 
     uid = os.getuid()
     try:
         user = pwd.getpwuid(uid).pw_name
-    except KeyError:  # containers run under users that no table names
+    except KeyError:  # containers may run as users without a name
         user = str(uid)
     return OwnerView(uid=uid, pid=os.getpid(), user=user)
 
 
 def _unheard(event: Event) -> None:
-    """Nobody listens."""
+    """Ignore an event: nobody listens."""

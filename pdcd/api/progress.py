@@ -1,4 +1,4 @@
-"""Progress of a job, shown to whoever watches: a bar in a notebook or on a terminal, else lines."""
+"""Progress of a job, shown to the user: a bar in a notebook or on a terminal, else lines."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ EventListener = Callable[[Event], None]
 """Takes one event, a struct of `pdcd.protocol.events`; `type` names its kind."""
 
 ProgressChoice = bool | EventListener
-"""Whether to show progress, or what takes each event instead."""
+"""Whether to show progress, or a function that takes each event instead."""
 
 _Share = tuple[float, float]
-"""Work done, and all of it."""
+"""Work done, and work in all."""
 _Show = Callable[[str, _Share | None, bool], None]
-"""Shows words, the share that is done where it is known, and whether a stage begins."""
+"""Shows words and the share that is done, if known; the last argument says that a stage begins."""
 
 _NOTEBOOK_INTERVAL_S = 0.2
 """Least time between two changes of the line: each is a message to the browser."""
@@ -43,7 +43,7 @@ _LINE_INTERVAL_S = 1.0
 
 @contextmanager
 def show_progress(progress: ProgressChoice) -> Iterator[EventListener | None]:
-    """What takes the events of one job, None where nobody wants them."""
+    """Yield the function that takes the events of one job; None where they are not wanted."""
     if callable(progress) or not progress:
         yield progress or None
         return
@@ -52,13 +52,13 @@ def show_progress(progress: ProgressChoice) -> Iterator[EventListener | None]:
 
 
 def tell_user(text: str) -> None:
-    """Print one line for the human who watches; never part of the result. Escaped as by `say`."""
+    """Print one line for the user on stderr; never part of the result. Escaped as by `say`."""
     write_stderr(to_one_line(text) + "\n")
 
 
 @contextmanager
 def show_bar(first: str = "waiting") -> Iterator[EventListener]:
-    """What shows the events of one job; `first` is what is done before the first of them."""
+    """Yield a function that shows the events of one job; `first` is shown before the first one."""
     stages = Stages()
     with draw_progress(first) as show:
         yield lambda event: show(
@@ -68,8 +68,8 @@ def show_bar(first: str = "waiting") -> Iterator[EventListener]:
 
 @contextmanager
 def draw_progress(first: str) -> Iterator[_Show]:
-    """What shows words and a share: a line in a notebook, a bar on a terminal, else lines on
-    stderr, at most one a second."""
+    """Yield a function that shows words and a share: a line in a notebook, a bar on a terminal,
+    else lines on stderr, at most one a second."""
     if is_notebook():
         with show_notebook_line() as show:
             yield show
@@ -97,7 +97,7 @@ def draw_progress(first: str) -> Iterator[_Show]:
 
         def on_bar(words: str, share: _Share | None, begins: bool) -> None:
             done, total = share or (None, None)
-            if begins:  # so that the time left is that of this stage
+            if begins:  # so that the time left is for this stage
                 bars.reset(task, total=total or 1.0, description=words)
             bars.update(task, description=words, completed=done, total=total)
 
@@ -105,7 +105,7 @@ def draw_progress(first: str) -> Iterator[_Show]:
 
 
 def is_notebook() -> bool:
-    """Whether this is a cell of a notebook, which shows HTML; a terminal with IPython is none."""
+    """Whether this runs in a notebook, which shows HTML; IPython in a terminal does not count."""
     ipython = sys.modules.get("IPython")
     return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
 
@@ -121,9 +121,9 @@ class _Markup(str):
 
 @contextmanager
 def show_notebook_line() -> Iterator[_Show]:
-    """What shows words and the share that is done.
+    """Yield a function that shows words and the share that is done, in one line.
 
-    When the context is left the line is gone; after an error it stays as it was.
+    The line disappears when the context is left; after an error it stays as it was.
     """
     from IPython import display
 
@@ -141,15 +141,15 @@ def _line_html(words: str, share: _Share | None) -> str:
 
 
 class _Paced:
-    """Writes words with the time that is left of a stage, by what was done of it so far; a share
-    not more often than every so many seconds."""
+    """Writes words with the time that is left of a stage, estimated from its share done so far. A
+    share is written at most once every `interval_s` seconds."""
 
     def __init__(self, write: Callable[[str, _Share | None], object], interval_s: float) -> None:
         self._write, self._interval_s = write, interval_s
         self._begun_s = self._next_s = 0.0
 
     def show(self, words: str, share: _Share | None, begins: bool) -> None:
-        """Write it, unless the last was written just now."""
+        """Write it, unless the previous share was written just now."""
         now_s = time.monotonic()
         if begins:
             self._begun_s = now_s
@@ -163,7 +163,7 @@ class _Paced:
 
 
 class Stages:
-    """Of what there is progress: of the plan, of each exposure, of making pictures."""
+    """The stages that have progress of their own: the plan, each exposure, making pictures."""
 
     def __init__(self) -> None:
         self._stage: str | None = None
@@ -184,7 +184,7 @@ class Stages:
 
 
 def read_share_done(event: Event) -> _Share | None:
-    """Work done, and all of it, where the event tells."""
+    """Work done, and work in all; None where the event does not say."""
     if isinstance(event, Progress):
         return event.frame, event.frames
     return (
@@ -195,7 +195,7 @@ def read_share_done(event: Event) -> _Share | None:
 
 
 def describe_event(event: Event) -> str:
-    """Say where the job stands: the shot, if the event names one, and the step or the refreshes."""
+    """Where the job stands, in words: the shot, if the event names one, and step or refreshes."""
     return to_one_line(_plain_words(event))
 
 

@@ -1,5 +1,4 @@
-"""What people are told of a plan and of a run, on the terminal and on the page: rows of a label and
-a text."""
+"""A plan and a run in words, for the terminal and the page: rows of a label and a text."""
 
 from __future__ import annotations
 
@@ -11,10 +10,10 @@ from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.words import SIGMA_KINDS
 
 _Value = float | int | str
-"""What the summary of a run holds beside the verdict."""
+"""Values in the summary of a run, apart from the verdict."""
 _PAPER_SHARE = 1.0 / 48.0
-"""Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
-through quarter windows, in one of three refreshes."""
+"""Share of the light that the paper's codes keep: half of all cells are lit, half of the others are
+open, through quarter windows, in one of three refreshes."""
 
 _GUARDS = {
     "none": "without guards",
@@ -25,7 +24,7 @@ _GUARDS = {
     "full": "with guards",
     "wide": "with longer guards",
 }
-"""Schedules of a code, for people."""
+"""Schedules of a code, in words."""
 
 
 _SUMMARY: tuple[tuple[str, str, Callable[[_Value], str]], ...] = (
@@ -115,13 +114,13 @@ def plan_rows(summary: PlanSummary) -> list[list[str]]:
 
 
 def summary_rows(figure: Callable[[str], _Value | None]) -> list[list[str]]:
-    """Rows of the table of a run: the figures that are known; `figure` has them by name."""
+    """Rows of the table of a run: the known figures; `figure` returns a figure by its name."""
     found = ((label, write, figure(key)) for key, label, write in _SUMMARY)
     return [[label, write(value)] for label, write, value in found if value is not None]
 
 
 def describe_error(run: RunEntry) -> str:
-    """The error against the truth where that is known, else what the run expects of itself."""
+    """The error against the truth where that is known, else the error that the run expects."""
     if run.rms_error_quads is not None:
         return to_percent(run.rms_error_quads)
     return "" if run.rms_sigma is None else f"+-{to_percent(run.rms_sigma)}"

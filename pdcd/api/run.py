@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 _PANELS = ("primal", "dual")
 _MOST_PREVIEWS = 4
-"""Previews that a notebook shows of a run."""
+"""Most previews of a run that a notebook shows."""
 
 
 def open_run(folder: Path | str) -> Run:
@@ -57,10 +57,10 @@ def open_run(folder: Path | str) -> Run:
 
 @dataclass(frozen=True, eq=False)
 class _Codes:
-    """What both panels showed in one program, a pattern a code: (K, rows, cols) bool, or float64
-    levels over the highest, 0..1, where the panels show greys.
+    """What both panels showed in one program, a pattern for each code: (K, rows, cols) bool, or
+    float64 levels relative to the highest, 0..1, where the panels show greys.
 
-    rows, cols : of lattice cells, which are one more than cells where the mask opens parts of them.
+    rows, cols : of the lattice, one more than those of cells where the mask opens parts of cells.
     """
 
     projector: NDArray[Any]
@@ -92,7 +92,7 @@ class Run:
 
     @property
     def goal(self) -> str:
-        """What was asked for."""
+        """The goal that was asked for."""
         return self.manifest.run.goal.name
 
     @property
@@ -102,7 +102,7 @@ class Run:
 
     @property
     def summary(self) -> Mapping[str, SummaryValue]:
-        """The run in figures: "codes", "exposure_s", "rms_sigma", "rms_error_quads" ..., None where
+        """Figures of the run: "codes", "exposure_s", "rms_sigma", "rms_error_quads" ..., None where
         a figure is not known."""
         return self.manifest.summary
 
@@ -157,8 +157,8 @@ class Run:
 
     @cached_property
     def truth(self) -> Floats | None:
-        """What `image` is in truth, the same shape; None where nobody knows the scene, NaN where a
-        cell cannot be compared."""
+        """The true values of `image`, the same shape; None where the scene is not known, NaN where
+        a cell cannot be compared."""
         from pdcd.pictures.truth import TRUTH, read_known_answer
 
         cells = self.manifest.run.cells
@@ -168,9 +168,8 @@ class Run:
 
     @property
     def sigma_kind(self) -> str:
-        """How the error of the codes in `sigma` is known: "measured" by the spread of parts;
-        "sensor", which is not at all, so that `sigma` is without it; or "whole", as there is
-        none."""
+        """How `sigma` accounts for the error of the codes: "measured", by the spread of parts;
+        "sensor": it is not known, and `sigma` is without it; "whole": there is none."""
         return str(self.summary.get("sigma_kind", "sensor"))
 
     @cached_property
@@ -181,7 +180,7 @@ class Run:
 
     @cached_property
     def codes(self) -> Mapping[str, _Codes]:
-        """What the panels were sent, by program; none where a run shows no codes."""
+        """The codes that the panels were sent, by program; empty where a run shows no codes."""
         if CODES not in self.manifest.files:
             return {}
         self.checked(CODES)
@@ -202,7 +201,7 @@ class Run:
 
     def raw(self, shot: str) -> NDArray[np.float32]:
         """The RAW file of a shot in DN above black, (4, h, w) float32: red, the green beside it,
-        the green beside blue, and blue of each quad; (1, h, w) of a camera without colours.
+        the green beside blue, and blue of each quad; (1, h, w) for a camera without colours.
 
         shot : name of its file in `raw/`, without ending: "coded-1", "white", "look-dark" ...
         Raises ConfigError where there is no such file, DecodeError where it was not kept.
@@ -238,13 +237,13 @@ class Run:
         parts: int | None = None,
         progress: ProgressChoice = True,
     ) -> DecodingResult:
-        """Make the pictures again from the RAW files, by other options; nothing is written.
+        """Make the pictures again from the RAW files, with other options; nothing is written.
 
         Parameters
         ----------
-        smooth, normalise : as of a capture; None: as the run had it.
-        parts : use the first so many of its parts only.
-        progress : as of a capture.
+        smooth, normalise : as for a capture; None: as in the run.
+        parts : use only this many of its parts, the first ones.
+        progress : as for a capture.
 
         Raises RequestError for a number of parts that the run does not have.
         """
@@ -266,11 +265,11 @@ class Run:
 
     def error_budget(self, progress: ProgressChoice = True) -> tuple[ErrorRow, ...]:
         """What scale, stops, maps, timing, codes and noise contribute to the error of the picture
-        that was asked for; the last row is all of it. Each row has `.name`, `.share` of the
-        picture's RMS, `.rms` in scene units, and `.source`; share and rms are None where nobody
-        knows. The run is decoded anew for it, and nothing is written.
+        that was asked for; the last row is the whole error. Each row has `.name`, `.share` of the
+        picture's RMS, `.rms` in scene units, and `.source`; share and rms are None where they are
+        not known. The run is decoded anew for it, and nothing is written.
 
-        progress : as of a capture.
+        progress : as for a capture.
         """
         from pdcd.api.decoding import compute_error_budget
 
@@ -291,7 +290,7 @@ class Run:
         return write_report(self.folder, None if out is None else Path(out))
 
     def checked(self, name: str) -> Path:
-        """Path of one file of the run, which is as the manifest says. Raises DecodeError."""
+        """Path of one file of the run, checked against the manifest. Raises DecodeError."""
         read_sound_manifest(self.folder, (name,))
         return self.folder / name
 
@@ -312,7 +311,7 @@ class Run:
         names = [n for n in (f[8:-4] for f in files) if n == "transport" or n in self.pictures]
         names.sort(key=lambda name: (name != answer, name))
         for name in names[:_MOST_PREVIEWS]:
-            # A view for eyes: whoever asks for the numbers is told what is wrong.
+            # Previews are only to look at: reading the numbers raises an error instead.
             with suppress(DecodeError, UnsoundFileError, OSError):
                 yield name, read_file(self.checked(f"preview/{name}.png"), MAX_PICTURE_BYTES)
 
@@ -335,7 +334,7 @@ class Run:
     def _patterns(self, program: str, stored: Patterns) -> NDArray[Any]:
         """Stored patterns of one panel as pictures of it. Raises ValueError."""
         shots = self.manifest.run.shots
-        # The names of shots begin with that of their program; one that was never shown has none.
+        # Names of shots begin with their program's; a program that was never shown has no shots.
         mine = [s for s in shots if s.name.startswith(program)] or shots
         for window in dict.fromkeys(shot.window for shot in mine):
             rows, cols = Lattice(self.grid, window).shape

@@ -1,4 +1,4 @@
-"""Interrupts while a job runs: they end it in good order first, and are felt after that."""
+"""Interrupts while a job runs: they first end it in good order, and are delivered afterwards."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _Handler = Callable[[int, FrameType | None], object]
 
 @contextmanager
 def send_signals_to(handler: _Handler) -> Iterator[None]:
-    """Send SIGINT, SIGTERM and SIGHUP to `handler` for a while. For the main thread only."""
+    """Send SIGINT, SIGTERM and SIGHUP to `handler` inside the block. For the main thread only."""
     numbers = list_end_signals()
     before = [signal.signal(number, handler) for number in numbers]
     try:
@@ -29,9 +29,9 @@ def send_signals_to(handler: _Handler) -> Iterator[None]:
 def hold_signals(*, raises: bool = False, delivers: bool = True) -> Iterator[Callable[[], bool]]:
     """Hold SIGINT, SIGTERM and SIGHUP back until the context is left, and deliver them then.
 
-    Yields what tells whether one came. With `raises` it raises KeyboardInterrupt inside as well; a
-    second one always does. Without `delivers` none is delivered: the job's end says enough. In a
-    thread that cannot handle signals nothing is held back.
+    Yields a function that says whether one came. With `raises`, a signal also raises
+    KeyboardInterrupt inside; a second one always does. Without `delivers`, none is delivered, as
+    the job's end says enough. In a thread that cannot handle signals nothing is held back.
     """
     came: list[int] = []
 

@@ -1,6 +1,6 @@
-"""A stream as pictures that are looped over: `for picture in bench.stream("indirect")`.
+"""A stream of pictures to loop over: `for picture in bench.stream("indirect")`.
 
-The newest picture counts: a slow reader gets the newest one when it asks, and memory stays level.
+Only the newest picture is kept: a slow reader gets that one when it asks, and memory stays level.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pdcd.client import Client
 
 _LOOK_S = 0.2
-"""Time between two looks for a signal while a picture is waited for."""
+"""Time between two checks for a signal while waiting for a picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +36,8 @@ class LivePicture:
     """A picture of a stream.
 
     image, sigma : (rows, cols, C) float64, means over cells and their standard deviation, in scene
-    units, as of `pdcd.api.run.Run`. picture, picture_sigma : (h, w, C), a pixel for each of the
-    camera's quads. told : figures, of which the most useful are attributes.
+    units, as in `pdcd.api.run.Run`. picture, picture_sigma : (h, w, C), a pixel for each of the
+    camera's quads. told : all figures; the most useful ones are also attributes.
     """
 
     image: NDArray[np.floating]
@@ -86,8 +86,8 @@ class LivePicture:
 class PictureStream(ABC):
     """Pictures without end; an iterator and a context manager, which ends the stream.
 
-    The stream also ends when nobody holds this any more. Panels are black and the shutter is closed
-    then. The iterator ends with the stream's time, and raises the error that ended it.
+    The stream also ends when nothing holds this object any more. Panels are then black and the
+    shutter is closed. The iterator ends with the stream's time, or raises the error that ended it.
     """
 
     def __iter__(self) -> Self:
@@ -104,8 +104,8 @@ class PictureStream(ABC):
 
     @abstractmethod
     def take(self) -> StreamedPicture | None:
-        """The newest that was not taken yet, a spoilt photo among them, awaited; None at the end.
-        For who shows figures. Raises the error that the stream ended by."""
+        """Wait for the newest picture that was not taken yet, which may be a spoilt photo; None at
+        the end. For callers that show figures. Raises the error that ended the stream."""
 
     @abstractmethod
     def record(self) -> Run:
@@ -128,17 +128,17 @@ class PictureStream(ABC):
         self.close()
 
     def __del__(self) -> None:
-        with suppress(AttributeError):  # one that did not begin
+        with suppress(AttributeError):  # a stream that did not begin
             self.close()
 
 
 class LocalStream(PictureStream):
-    """A stream of the rig in this process, which a thread takes."""
+    """A stream of the rig in this process; a thread takes its photos."""
 
     def __init__(
         self, run: Callable[[StreamListener], CaptureResult], *, draw: bool = False
     ) -> None:
-        """run : takes the stream and returns how it ended. draw : pictures as JPEGs, too."""
+        """run : takes the stream and returns how it ended. draw : also draw pictures as JPEGs."""
         self._shared = _Shared()
         self._draw, shared = draw, self._shared
         self._thread = threading.Thread(
@@ -172,7 +172,7 @@ class LocalStream(PictureStream):
 
 
 class _Shared:
-    """What the thread of a stream and its reader share; it knows neither of them."""
+    """What the thread of a stream and its reader share; it refers to neither of them."""
 
     def __init__(self) -> None:
         self.ends = threading.Event()
@@ -197,7 +197,7 @@ class _Shared:
                 self._changed.notify_all()
 
     def take(self) -> StreamedPicture | None:
-        """The newest picture, awaited; None at the end. Raises what it ended by."""
+        """Wait for the newest picture; None at the end. Raises the error that ended the stream."""
         with self._changed:
             while self._newest is None and self._result is None and self._error is None:
                 self._changed.wait(_LOOK_S)
@@ -221,7 +221,7 @@ class ConnectedStream(PictureStream):
     """A stream of the bench of a daemon."""
 
     def __init__(self, client: Client, job: str, picture: str = "arrays") -> None:
-        """picture : what of pictures is wanted, as of `Client.see_stream`."""
+        """picture : which form of pictures is wanted, as for `Client.see_stream`."""
         self._client: Client | None = client
         self._job, self._after, self._picture = job, 0, picture
 
@@ -251,7 +251,7 @@ class ConnectedStream(PictureStream):
 
 
 def _raise_failure(result: CaptureResult) -> None:
-    """Raise the error that a stream ended by, unless somebody ended it."""
+    """Raise the error that ended a stream; do nothing if it was ended on request."""
     if result.state == "failed":
         raise restore_error(result.error)
 

@@ -1,7 +1,7 @@
 """Many captures, one table: on one bench, in processes of their own, or on a cluster.
 
-What is done is found in the folder of the sweep: each capture has a place there, named by all that
-makes it, with its run or a link to it.
+A sweep finds finished captures in its folder: each capture has a place there, named by a hash of
+everything that determines it, with its run or a link to it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _Request = Mapping[str, Any] | CaptureRequest | str
 the name of a goal."""
 
 _Ends = Generator[tuple[Task, TaskRecord], None, None]
-"""Tasks, and how they ended, as they do."""
+"""Tasks and how they ended, in the order in which they end."""
 
 
 def sweep(
@@ -64,21 +64,22 @@ def sweep(
 
     Parameters
     ----------
-    bench : a bench, which takes one after the other; or a configuration as `pdcd.local` takes it:
-        then each is taken on a bench of its own, as many at a time as there are workers. One with
-        real devices takes one after the other, too.
-    requests : each a mapping of keywords as of `Bench.capture`, with "goal"; where `bench` is a
+    bench : a bench, which takes one photo after the other; or a configuration as `pdcd.local` takes
+        it: then each photo is taken on a bench of its own, as many at a time as there are workers.
+        With real devices, photos are taken one after the other, too.
+    requests : each a mapping of keywords of `Bench.capture`, with "goal"; where `bench` is a
         configuration it may have "config", tables or TOML text that change some of its keys.
     workers : processes; None: one for each processor; 0: all in this process.
     folder : where the runs go, or links to those of a daemon: the same sweep into the same folder
-        takes only what is missing or has failed. None: the runs go where those of a single capture
-        would, and nothing is found again.
-    progress : whether to show it; or what takes the row of each capture that has ended.
+        takes only photos that are missing or have failed. None: the runs go where those of a single
+        capture would, and none is found again.
+    progress : whether to show progress; or a function that takes the row of each capture that has
+        ended.
     cluster : address of a Dask cluster that takes the photos, or a `distributed.Client` of it;
         needs the extra `cluster`.
 
-    Raises RequestError for a request that is wrong, before any photo is taken; BusyError where
-    another sweep fills the folder.
+    Raises RequestError for a wrong request, before any photo is taken; BusyError where another
+    sweep fills the folder.
     """
     place = None if folder is None else Path(folder).absolute()
     shared = bool(workers) or cluster is not None
@@ -110,7 +111,7 @@ def _collected(
     progress: bool | Callable[[TaskRecord], None],
     run: Callable[[Sequence[Task]], _Ends],
 ) -> Table:
-    """Run what the folder does not have yet, and put all rows into one table."""
+    """Run the tasks that the folder does not have yet, and put all rows into one table."""
     rows: list[TaskRecord] = []
     left: list[Task] = []
     with hold_place(folder):
@@ -132,7 +133,7 @@ def _collected(
 def _counting(
     progress: bool | Callable[[TaskRecord], None], done: int, total: int
 ) -> Iterator[Callable[[TaskRecord], None]]:
-    """What is told of each row."""
+    """Yield the function that is called with each row."""
     if callable(progress) or not progress:
         yield progress or (lambda row: None)
         return
@@ -153,7 +154,7 @@ def _counting(
 def _tasks(
     requests: Iterable[_Request], config: Config, bench: Bench | None, folder: Path | None
 ) -> list[Task]:
-    """Every request checked and made a task; those that are equal are told apart."""
+    """Every request, checked and made a task; equal requests get different places."""
     seen: Counter[str] = Counter()
     benches: dict[int, tuple[Config, dict[str, Any]]] = {}
     if bench is not None:
@@ -164,12 +165,12 @@ def _tasks(
             task = _task(request, config, bench)
         except PdcdError as err:
             raise RequestError(f"request {number}: {err.message}", hint=err.hint) from err
-        # Most have one configuration, whose files need not be read for each of them.
+        # Most tasks share one configuration, whose files need not be read again for each task.
         what = benches.setdefault(id(task.config), (task.config, describe_bench(task.config)))[1]
         first = hash_capture(what, task.request, task.arrays, 0)
         key = hash_capture(what, task.request, task.arrays, seen[first])
         seen[first] += 1
-        # A folder each: names of runs that begin in the same second could be the same.
+        # One folder a task: runs that begin in the same second could have the same name.
         place = None if folder is None else folder / "runs" / key[:16]
         tasks.append(replace(task, folder=place, told={"number": number, **task.told}))
     return tasks
@@ -195,14 +196,14 @@ def _task(request: _Request, config: Config, bench: Bench | None) -> Task:
         return LocalBench(config).grid if bench is None else bench.grid
 
     made, arrays = make_request(goal, keywords, grid)
-    # Only now: of what is no value of a request nothing can be said in a table.
+    # Only now, when all values are checked: others could not be put into a table.
     told = {f"asked.{name}": _said(value) for name, value in keywords.items()}
     told |= {f"asked.config.{name}": _said(v) for name, v in _flat(overlay)}
     return Task(config, made, load_arrays(arrays), told=told)
 
 
 def _flat(tables: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """The keys of tables, dotted; text that was given instead is one key."""
+    """The dotted keys of tables with their values; text given instead counts as one key."""
     if not isinstance(tables, Mapping):
         if tables is not None:
             yield path or "text", tables
@@ -212,7 +213,7 @@ def _flat(tables: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _said(value: Any) -> Value:
-    """What was asked, in one cell of a table."""
+    """A requested value as one cell of a table."""
     simple = to_json_types(value)
     if simple is None or isinstance(simple, bool | int | float | str):
         return simple
@@ -227,7 +228,7 @@ def _one_by_one(take: Callable[[Task], TaskRecord], tasks: Sequence[Task]) -> _E
 
 
 def _all_on(executor: Executor, tasks: Sequence[Task]) -> _Ends:
-    """As many at a time as the executor takes; what still runs when it is closed is ended."""
+    """As many at a time as the executor takes; closing the generator ends those still running."""
     futures = {executor.submit(take_capture, task): task for task in tasks}
     try:
         for future in as_completed(futures):
@@ -236,7 +237,7 @@ def _all_on(executor: Executor, tasks: Sequence[Task]) -> _Ends:
                 row = future.result()
             except PdcdError as err:
                 row = make_failed_row(task.request, err)
-            except Exception as err:  # whatever a cluster loses it by
+            except Exception as err:  # any way in which a cluster loses a call
                 row = make_failed_row(task.request, PdcdError(f"the cluster lost it: {err}"))
             yield task, row
     finally:
@@ -246,9 +247,9 @@ def _all_on(executor: Executor, tasks: Sequence[Task]) -> _Ends:
 
 
 def _taken_on(bench: Bench, task: Task) -> TaskRecord:
-    """Take the photo on a bench that is there."""
+    """Take the photo on a given bench."""
     request = task.request
-    # A daemon has places of its own.
+    # A daemon keeps runs in places of its own.
     if task.folder is not None and request.out is None and isinstance(bench, LocalBench):
         request = msgspec.structs.replace(request, out=str(task.folder))
     try:

@@ -15,7 +15,7 @@ from pdcd.api.task import ENDING, TaskRecord, Value
 from pdcd.errors import RequestError, disk_errors
 
 _MOST_SHOWN = 40
-"""Rows that a notebook shows."""
+"""Most rows that a notebook shows."""
 _SHOWN = (
     "number", "goal", "state", "verdict", "codes", "exposure_s", "rms_sigma", "rms_error_quads",
     "rms_error_cells",
@@ -25,8 +25,8 @@ _SHOWN = (
 class Table:
     """Rows in the order of the requests; `list(table)` are dictionaries, all with the same keys.
 
-    Columns are "number" (of the request, from 0), then what was asked as "asked.NAME", then how it
-    ended: `pdcd.api.task.ENDING`. A value that is not known is None.
+    Columns are "number" (of the request, from 0), then the requested values as "asked.NAME", then
+    how the capture ended: `pdcd.api.task.ENDING`. A value that is not known is None.
     """
 
     def __init__(self, rows: Iterable[TaskRecord]) -> None:

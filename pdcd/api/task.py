@@ -40,14 +40,14 @@ logger = logging.getLogger(__name__)
 
 Value = float | int | str | bool | None
 TaskRecord = dict[str, Value]
-"""One row of the table: what was asked and how it ended, by column."""
+"""One row of the table, by column: the requested values, and how the capture ended."""
 
 _FIGURES = (
     "codes", "parts", "pilot", "family", "passes", "shots", "refreshes", "exposure_s",
     "missed_refreshes", "rms_sigma", "sigma_kind", "rms_error_quads", "rms_error_cells",
     "wall_s",
 )  # fmt: skip
-"""What is taken of a run's summary; as it was taken, whatever was asked."""
+"""Figures taken from a run's summary: as the run was taken, not as it was requested."""
 
 ENDING = ("goal", "state", "verdict", *_FIGURES, "job", "folder", "manifest_sha256",
           "error_kind", "error")  # fmt: skip
@@ -58,9 +58,9 @@ ENDING = ("goal", "state", "verdict", *_FIGURES, "job", "folder", "manifest_sha2
 class Task:
     """A capture on a bench of its own.
 
-    arrays : those of the request, as the content of files or as arrays.
+    arrays : the request's arrays, as the content of files or as arrays.
     folder : its place, where the run goes; None: where the configuration says.
-    told : what the table says was asked.
+    told : the requested values, as the table shows them.
     """
 
     config: Config
@@ -71,7 +71,7 @@ class Task:
 
 
 def take_capture(task: Task) -> TaskRecord:
-    """Take the photo, whatever comes of it: nothing is raised for a capture that fails."""
+    """Take the photo and return its row; a capture that fails raises no error."""
     try:
         with LocalBench(task.config, task.folder) as bench:
             return make_result_row(task.request, bench.take(task.request, task.arrays))
@@ -103,7 +103,7 @@ def make_failed_row(request: CaptureRequest, error: PdcdError) -> TaskRecord:
 
 @contextmanager
 def hold_place(folder: Path | None) -> Iterator[None]:
-    """Keep other sweeps out of a folder, which is made. Raises BusyError, NoSpaceError and
+    """Make a folder, and keep other sweeps out of it. Raises BusyError, NoSpaceError and
     DiskError."""
     if folder is None:
         yield
@@ -120,8 +120,7 @@ def hold_place(folder: Path | None) -> Iterator[None]:
 
 
 def find_kept_row(task: Task) -> TaskRecord | None:
-    """The row of the run that lies in the place of a task, done and not changed since; None where
-    there is none."""
+    """The row of a finished, unchanged run in the place of a task; None where there is none."""
     with suppress(OSError):
         for run in sorted(task.folder.iterdir() if task.folder else (), reverse=True):
             with suppress(DecodeError, UnsoundFileError, OSError):
@@ -138,7 +137,7 @@ def find_kept_row(task: Task) -> TaskRecord | None:
 
 
 def keep_in_place(task: Task, row: TaskRecord) -> None:
-    """Leave a link in the place of a task whose run is done and lies elsewhere. Raises NoSpaceError
+    """Put a link into the place of a task whose run is done and lies elsewhere. Raises NoSpaceError
     and DiskError."""
     folder = row["folder"]
     if task.folder is None or row["state"] != "done" or not isinstance(folder, str):
@@ -150,7 +149,7 @@ def keep_in_place(task: Task, row: TaskRecord) -> None:
 
 
 def load_arrays(arrays: Mapping[str, Sendable]) -> dict[str, Sendable]:
-    """The same arrays, those of files by their content: another machine does not have the files.
+    """The same arrays, with files replaced by their content, as other machines lack the files.
 
     Raises RequestError.
     """
@@ -169,8 +168,8 @@ def load_arrays(arrays: Mapping[str, Sendable]) -> dict[str, Sendable]:
 def hash_capture(
     bench: Mapping[str, Any], request: CaptureRequest, arrays: Mapping[str, Sendable], again: int
 ) -> str:
-    """What names a capture of a sweep, hexadecimal: the same bench, request, arrays and program
-    give the same. `again` tells equal ones apart."""
+    """A hash that names a capture of a sweep, hexadecimal: the same bench, request, arrays and
+    program version give the same hash. `again` distinguishes equal captures."""
     told = msgspec.to_builtins(msgspec.structs.replace(request, out=None))
     sums = {name: _digest(value) for name, value in arrays.items()}
     whole = [__version__, bench, told, sums, again]
