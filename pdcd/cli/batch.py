@@ -1,6 +1,6 @@
-"""`pdcd batch`: the photos of a table, and again those that fail; what is done is not taken again.
+"""`pdcd batch`: takes the photos of a table, skips those that are done, retries those that fail.
 
-`pdcd.cli.batch_table` reads the table, `pdcd.api.sweep` takes the photos and knows what is done.
+`pdcd.cli.batch_table` reads the table; `pdcd.api.sweep` takes the photos and knows which are done.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from pdcd.files.put import replace_file
 from pdcd.protocol.line_talk import UnreachableError
 
 _TABLE, _SUMMARY = "table.csv", "summary.txt"
-"""Files that are written below `--out`: all that is known of each photo, and what is printed."""
+"""Files that are written below `--out`: all figures of each photo, and the printed summary."""
 _FOR_GOOD = ("request", "config", "denied", "driver_unavailable")
-"""Kinds of errors that another try does not mend."""
+"""Kinds of errors that a retry does not mend."""
 
 _Photos = Sequence[Mapping[str, Any]]
 _Taken = Callable[[Callable[[TaskRecord], None]], Table]
@@ -70,7 +70,7 @@ def take_batch(args: argparse.Namespace) -> int:
 
 
 def _retried(args: argparse.Namespace, photos: _Photos, out: Path) -> Table:
-    """Take what is missing until all is done, or was tried often enough."""
+    """Take missing photos until all are done, or the retries are used up."""
     take: _Taken = (_take_here if args.local else _take_there)(args, photos, out)
     for left in range(args.retries, -1, -1):
         try:
@@ -89,7 +89,7 @@ def _retried(args: argparse.Namespace, photos: _Photos, out: Path) -> Table:
 
 
 def _take_here(args: argparse.Namespace, photos: _Photos, out: Path) -> _Taken:
-    """On benches of this process, or of some of its own."""
+    """On benches in this process, or in worker processes."""
     config = load_config(args.config)
 
     def take(tell: Callable[[TaskRecord], None]) -> Table:
@@ -99,7 +99,7 @@ def _take_here(args: argparse.Namespace, photos: _Photos, out: Path) -> _Taken:
 
 
 def _take_there(args: argparse.Namespace, photos: _Photos, out: Path) -> _Taken:
-    """On the daemon's bench; others are waited for."""
+    """On the daemon's bench, waiting for other users of it."""
 
     def take(tell: Callable[[TaskRecord], None]) -> Table:
         with (
@@ -112,7 +112,7 @@ def _take_there(args: argparse.Namespace, photos: _Photos, out: Path) -> _Taken:
 
 
 def _make_teller(photos: _Photos) -> Callable[[TaskRecord], None]:
-    """What tells of each photo as it ends."""
+    """A function that prints a line for each photo as it ends."""
 
     def tell(row: TaskRecord) -> None:
         tell_user(f"photo {_call(row, photos)}: {row['state']}, {row['verdict'] or row['error']}")
@@ -121,14 +121,14 @@ def _make_teller(photos: _Photos) -> Callable[[TaskRecord], None]:
 
 
 def _call(row: TaskRecord, photos: _Photos) -> str:
-    """What a photo is called: its number in the table, from 1, its goal and its name."""
+    """A label for a photo: its number in the table, from 1, its goal and its name."""
     number = int(row["number"] or 0)
     name = photos[number].get("name")
     return f"{number + 1} of {len(photos)} {row['goal']}" + f" {name}" * bool(name)
 
 
 def _summarise(table: Table, photos: _Photos, out: Path) -> list[str]:
-    """All photos in a table of few columns, why some failed, and how many are done."""
+    """A table of all photos with a few columns, why some failed, and how many are done."""
     rows = [["photo", "goal", "name", "state", "verdict", "codes", "rms sigma", "folder"]]
     faults = []
     for row in table:

@@ -1,6 +1,6 @@
 """The table of a batch: TOML with a table for each photo, or CSV with a line for each.
 
-What stands in it are the keywords of a request; all faults of the file are told at once.
+It holds keywords of a request; all faults of the file are reported at once.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _Photo = dict[str, Any]
 
 
 def read_batch_table(source: Path) -> list[_Photo]:
-    """The photos of a file, each as keywords with its "goal". Paths are meant from its folder.
+    """The photos of a file, each as keywords with its "goal". Paths are relative to its folder.
 
     Raises ConfigError naming all faults, one a line.
     """
@@ -47,7 +47,7 @@ def read_batch_table(source: Path) -> list[_Photo]:
 
 
 def _read_tables(source: Path) -> list[_Photo]:
-    """Photos of a TOML file: [[photo]] tables, over what [all] says."""
+    """Photos of a TOML file: [[photo]] tables, which override values in [all]."""
     tables = read_toml(source, "the table", _HINT, form=_HINT)
     shared, listed = tables.pop("all", {}), tables.pop("photo", [])
     if tables or not isinstance(shared, dict) or not isinstance(listed, list):
@@ -62,7 +62,7 @@ def _read_tables(source: Path) -> list[_Photo]:
 
 
 def _read_csv(source: Path) -> Iterator[_Photo]:
-    """Photos of a CSV file: a line of names, then a line for each; what is empty is left out."""
+    """Photos of a CSV file: a line of names, then a line for each; empty cells are left out."""
     try:
         text = read_file(source, _MAX_BYTES).decode("utf-8-sig")
         lines = list(csv.reader(io.StringIO(text), strict=True))
@@ -89,7 +89,7 @@ def _read_csv(source: Path) -> Iterator[_Photo]:
 
 
 def _convert(text: str, field: Field) -> Any:
-    """A cell in the type of its field; as it stands where it is none, which is refused later."""
+    """A cell in the type of its field; as text if that fails, which is then refused later."""
     read = int if field.whole else parse_share if field.share else float
     try:
         if field.kind == "number":
@@ -107,7 +107,7 @@ def _convert(text: str, field: Field) -> Any:
 
 
 def _check(photo: _Photo, source: Path, called: str, faults: list[str]) -> _Photo:
-    """The keywords of a photo with its paths from the file's folder; its faults are noted."""
+    """The keywords of a photo, with paths relative to the file's folder; faults go to `faults`."""
     fields = list_request_fields()
     found = dict(photo)
     for name, value in photo.items():

@@ -1,5 +1,5 @@
 """`pdcd calibrate`: the bench measures itself, over the socket or with the rig in this process; and
-`pdcd calibrate list | use | forget`: the calibrations that are kept, and which one is used."""
+`pdcd calibrate list | use | forget`: manages the kept calibrations and which one is used."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.words import StepName
 
 ACTIONS = ("list", "use", "forget")
-"""Words in the place of the first step."""
+"""Words that may stand in place of the first step."""
 _NOT_WITH = ("scene", "again", "out", "anew", "queue", "socket")
-"""Options that go with steps only."""
+"""Options that only go with steps."""
 _LOOK_S = 0.1
-"""Time between two looks whether somebody who was asked has answered, or wants no more."""
+"""Time between two checks whether the user has answered, or has given up."""
 
 
 def calibrate(args: argparse.Namespace) -> int:
-    """Measure, and print every figure with its limit and verdict; fails when one is bad."""
+    """Measure, and print every figure with its limit and verdict; fails when any is bad."""
     if args.step and args.step[0] in ACTIONS:
         return _manage(args, args.step)
     if args.again is not None:
@@ -132,7 +132,7 @@ def _never() -> bool:
 
 
 def _asker(given_up: Callable[[], bool]) -> Callable[[str], None]:
-    """What has somebody at this terminal do something, and waits for Return."""
+    """A function that asks the user at this terminal to do something, and waits for Return."""
 
     def ask(text: str) -> None:
         tell_user(f"{text}; then press Return")
@@ -213,7 +213,7 @@ def _manage(args: argparse.Namespace, words: Sequence[str]) -> int:
 
 
 def _list(config: Config, *, as_json: bool) -> int:
-    """All of them, the newest first."""
+    """Print all calibrations, the newest first."""
     used, trouble = _choice(config)
     found = list(list_candidates(config))
     rows = [["", "name", "ended", "steps", "fits this bench"]]
@@ -240,7 +240,7 @@ def _list(config: Config, *, as_json: bool) -> int:
 
 
 def _use(config: Config, name: str, *, as_json: bool) -> int:
-    """Write down which one is used from now on."""
+    """Record which calibration is used from now on."""
     typed = config.calibration.use
     if name in ("none", "latest"):
         pin_calibration(config, None if name == "latest" else name)
@@ -272,7 +272,7 @@ def _use(config: Config, name: str, *, as_json: bool) -> int:
 
 
 def _forget(config: Config, name: str, *, yes: bool, as_json: bool) -> int:
-    """Remove one for good, or the link to it."""
+    """Remove a calibration for good, or the link to it."""
     at = find_calibration(config, name)
     what = "the link to" if at.is_symlink() else "for good"
     if not yes and not ask_consent(f"remove {what} calibration {name}?", silent=as_json):
@@ -286,7 +286,7 @@ def _forget(config: Config, name: str, *, yes: bool, as_json: bool) -> int:
 
 
 def _choice(config: Config) -> tuple[CalibrationChoice | None, str]:
-    """What is used; or why nothing can be."""
+    """The calibration in use, or the reason why none can be used."""
     try:
         return choose_calibration(config), ""
     except ConfigError as err:
@@ -294,7 +294,7 @@ def _choice(config: Config) -> tuple[CalibrationChoice | None, str]:
 
 
 def _steps(record: Calibration) -> str:
-    """Each step with its verdict; of those that are not used, why."""
+    """Each step with its verdict, and the reason if it is not used."""
     words = [f"{name} (taken over)" for name in record.taken_over]
     for step in record.steps:
         if step.name != "meter":

@@ -23,7 +23,7 @@ from pdcd.runs.elsewhere import note_folder
 
 
 def capture(args: argparse.Namespace) -> int:
-    """Take a photo; the exit code tells how it ended."""
+    """Take a photo; the exit code says how it ended."""
     refuse_with_local(args, "socket", "detach", "queue")
     asked = parse_request_options(args)
     result = capture_photo(
@@ -40,7 +40,7 @@ def capture_photo(
     detach: bool = False,
     queue: bool = False,
 ) -> CaptureResult:
-    """Take a photo in this process or over the socket, as `args` say, with progress shown."""
+    """Take a photo in this process or over the socket, as `args` say, and show progress."""
     if args.local:
         try:
             with show_bar("planning") as on_event:
@@ -58,7 +58,7 @@ def capture_photo(
 
 
 def wait(args: argparse.Namespace) -> int:
-    """Wait for the end of a job; the exit code tells how it ended."""
+    """Wait for the end of a job; the exit code says how it ended."""
     with show_bar() as on_event, connect_daemon(args) as client:
         result = client.wait(args.job, on_event)
     return say_result(result, as_json=args.json)
@@ -80,7 +80,7 @@ def _plan(
     """Ask the daemon, unless told to plan here; plan here too when no daemon was named or found."""
     refuse_with_local(args, "socket")
     if not args.local and args.config is None:
-        # One that goes away, or takes too long, has another bench than this process would plan for.
+        # If it goes away or takes too long, do not plan here: this process may have another bench.
         client = find_daemon(args)
         if client is not None:
             with client:

@@ -18,7 +18,7 @@ from pdcd.protocol.result import CaptureResult, quality_of, read_summary_value
 from pdcd.words import MethodName
 
 _COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")
-"""Ways of photographing that differ in more than how light is gathered."""
+"""Methods that differ in more than how light is gathered."""
 
 
 _FIGURES = {
@@ -30,14 +30,14 @@ _FIGURES = {
     "sigma_mean": ("sigma_mean", "mean sigma", ""),
     "wall_s": ("wall_s", "wall time", " s"),
 }
-"""Of each method, by the name in JSON: key of the run's summary, head of the column if it has one,
-and unit. `codes` is None where a method has none of its own choosing; `raw_files` is without test
-exposures; errors are relative to the scene's known truth, None where there is none; `sigma_mean` is
-in scene units."""
+"""Figures of each method, by their names in JSON: key of the run's summary, head of the column if
+there is one, and unit. `codes` is None where a method does not choose codes; `raw_files` excludes
+test exposures; errors are relative to the scene's truth, None where that is not known; `sigma_mean`
+is in scene units."""
 
 
 def compare(args: argparse.Namespace) -> int:
-    """Take the photo by all methods, one after the other; ends at the first that fails."""
+    """Take the photo by all methods, one after the other; stops at the first that fails."""
     refuse_with_local(args, "socket")
     asked, files = parse_request_options(args), collect_array_files(args)
     without_mask = {
@@ -45,7 +45,7 @@ def compare(args: argparse.Namespace) -> int:
     }
     rows: list[dict[str, Any]] = []
     results: list[CaptureResult] = []
-    # Those without a mask do fewer goals, and refuse the others before there is any light.
+    # Methods without a mask support fewer goals; first, so that they refuse before any exposure.
     for method in (*_COMPARED[1:], _COMPARED[0]):
         result = capture_photo(
             args, _by_method(asked, method), files if method == "coded" else without_mask
@@ -68,7 +68,7 @@ def compare(args: argparse.Namespace) -> int:
 
 
 def _by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
-    """The same request by another method, without what only codes on both panels can use."""
+    """The same request for another method, without options that need codes on both panels."""
     if method == "coded":
         return request
     # Without a mask there is no mask leak to subtract, and no coded photo to guide.

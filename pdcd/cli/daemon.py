@@ -1,4 +1,4 @@
-"""The daemon that a command asks: where it listens, whether it is there, and what it runs."""
+"""The daemon that a command talks to: where it listens, whether it is there, what it runs."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from pdcd.files.text import encode_json
 from pdcd.protocol.line_talk import UnreachableError
 
 COMING_S = 3.0
-"""How long a command waits for a daemon that was started just before."""
+"""How long a command waits for a daemon that has only just been started."""
 _LOOK_S = 0.05
 
 
 def find_daemon_socket(args: argparse.Namespace) -> Path:
-    """Path of the daemon's socket: as given, else as the configuration says."""
+    """Path of the daemon's socket: the one given, else that of the configuration."""
     given: Path | None = args.socket
     return given if given is not None else find_socket_path(load_config(args.config))
 
@@ -36,8 +36,8 @@ def connect_daemon(
 ) -> Client:
     """A connection to the daemon, which may have been started just now.
 
-    drives : whether the rig is to be used, so that a configuration which was typed must be that of
-    the daemon. coming_s : how long one is waited for.
+    drives : whether the command uses the rig; a configuration given on the command line must then
+    be the daemon's. coming_s : how long to wait for a daemon.
 
     Raises Unreachable, and ConfigError where the daemon has another configuration.
     """
@@ -57,8 +57,8 @@ def connect_daemon(
 def find_daemon(
     args: argparse.Namespace, *, needed: bool = False, drives: bool = False
 ) -> Client | None:
-    """A connection to the daemon, None where none answers. Raises Unreachable where its socket was
-    named, or nothing else will do, and ConfigError as `connect_daemon`."""
+    """A connection to the daemon, None where none answers. Raises Unreachable instead if its socket
+    was named or it is `needed`, and ConfigError as `connect_daemon`."""
     needed = needed or args.socket is not None
     if not (needed or HAS_FOLDER_DESCRIPTORS):
         return None
@@ -71,7 +71,7 @@ def find_daemon(
 
 
 def refuse_with_local(args: argparse.Namespace, *names: str) -> None:
-    """Raise ConfigError where --local was typed with one of these options, which ask a daemon."""
+    """Raise ConfigError if --local was given with one of these options, which are for a daemon."""
     given = [name for name in names if getattr(args, name)]
     if args.local and given:
         raise ConfigError(
@@ -80,7 +80,7 @@ def refuse_with_local(args: argparse.Namespace, *names: str) -> None:
 
 
 def _connect(path: Path, coming_s: float) -> Client:
-    """Connect; a socket that is not there yet, or not listened on, is waited for."""
+    """Connect; wait while the socket is missing, or nothing listens on it yet."""
     give_up_s = time.monotonic() + coming_s
     while True:
         try:
@@ -93,8 +93,8 @@ def _connect(path: Path, coming_s: float) -> Client:
 
 
 def _refuse_other(client: Client, config: Config, args: argparse.Namespace) -> None:
-    """Raise ConfigError where the daemon has another configuration than the one that was typed,
-    but for where it listens and keeps runs."""
+    """Raise ConfigError if the daemon's configuration differs from the one on the command line,
+    except in where it listens and keeps runs."""
     other = _find_difference(client.call("config.get"), msgspec.json.decode(encode_json(config)))
     if other is None:
         return
@@ -107,7 +107,7 @@ def _refuse_other(client: Client, config: Config, args: argparse.Namespace) -> N
 
 
 def _find_difference(there: Any, here: Any, key: str = "") -> str | None:
-    """The first key by which two configurations differ in what they make of the rig; None."""
+    """The first key in which two configurations of the rig differ; None if there is none."""
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         for name in dict.fromkeys((*here, *there)):
             if key or name != "server":

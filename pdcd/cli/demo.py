@@ -1,4 +1,4 @@
-"""`pdcd demo`: the main job once, as a user would do it: a daemon, a request, a run folder."""
+"""`pdcd demo`: does the main job once, as a user would: a daemon, a request, a run folder."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CONFIG = """\
 quads_per_cell = 10
 """
 _CODES = 128
-"""Unless others are asked for."""
+"""Number of codes, unless another is given."""
 _START_S = 60.0
 """Longest time the daemon may take to get ready on a slow machine."""
 
@@ -54,7 +54,7 @@ def run_demo(args: argparse.Namespace) -> int:
 
 @contextmanager
 def _daemon(socket: Path, state: Path, config: Path, log: Path) -> Iterator[Client]:
-    """A client of a daemon of its own, which is stopped in the end."""
+    """A client of a daemon started for it, which is stopped at the end."""
     command = [*SERVE, "--config", str(config), "--socket", str(socket), "--state-dir", str(state)]
     with log.open("wb") as out, subprocess.Popen(command, stderr=out) as process:
         try:

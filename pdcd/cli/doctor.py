@@ -1,4 +1,4 @@
-"""`pdcd doctor ...`: what of the bench is fit to work, what is not, and what to do about it."""
+"""`pdcd doctor ...`: which parts of the bench work, which do not, and what to do about it."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _DOCTORS = {
     "genicam": "genicam.doctor:examine_genicam",
     "virtual-genicam": "virtual_genicam.bench:examine_virtual_genicam",
 }
-"""Who knows more of a camera than any readout tells, by its driver: by name, as drivers are loaded.
-Before there is a configuration a Canon is looked for."""
+"""Functions that examine a camera more closely than any readout, by its driver; given by name, as
+drivers are loaded. Without a configuration (mock), a Canon is looked for."""
 
 _DISPLAY_DOCTORS = {
     "dlpc-video": "dlpc_video:examine_dlpc_video",
     "dlpc900": "dlpc900.doctor:examine_dlpc900",
 }
-"""The same of displays that are more than outputs of an X server."""
+"""The same for displays that are more than outputs of an X server."""
 
 
 def diagnose_display(args: argparse.Namespace) -> int:
@@ -73,9 +73,9 @@ def _examine_camera(config: Config, raw: Path | None) -> Iterator[Finding]:
     from pdcd.bench.devices import DriverContext
     from pdcd.capture.bench_check import examine_frame, examine_readout
 
-    # Cameras keep their own time, whatever clock the rest of the rig would run on.
+    # Cameras run in real time, whatever clock the rest of the rig would use.
     context = DriverContext(config=config, clock=RealClock())
-    # One camera may have its shutter beside a folder; a mock shutter says nothing of a camera.
+    # A camera read through a folder may still drive the shutter; a mock shutter implies no camera.
     drivers = (config.camera.driver, *({config.trigger.driver} - {"mock"}))
     known = next((_DOCTORS[name] for name in drivers if name in _DOCTORS), None)
     if known is None:
@@ -86,7 +86,7 @@ def _examine_camera(config: Config, raw: Path | None) -> Iterator[Finding]:
 
 
 def examine_bench(config: Config) -> Iterator[Finding]:
-    """Yield what all doctors find of the devices that a configuration names; nothing is exposed."""
+    """Yield all doctors' findings on the devices of a configuration; nothing is exposed."""
     from pdcd.bench.click import examine_shutter
 
     if config.display.driver in ("x11", *_DISPLAY_DOCTORS):
@@ -125,7 +125,7 @@ def _format_check(row: AcceptanceRow) -> list[str]:
 
 
 def diagnose_trigger(args: argparse.Namespace) -> int:
-    """Click the shutter once, if that is asked for; fails when anything must be mended."""
+    """Examine the shutter, and click it once if asked to; fails when anything must be mended."""
     from pdcd.api.signals import send_signals_to
     from pdcd.bench.click import examine_shutter
 
@@ -151,7 +151,7 @@ def _report(findings: Iterable[Finding], *, as_json: bool) -> int:
 
 
 def say_findings(found: list[Finding]) -> None:
-    """Print findings as a table, what to do about each, and a verdict on all."""
+    """Print findings as a table, what to do about each, and an overall verdict."""
     say_table([[f.state, f.what, f.found] for f in found])
     for finding in found:
         if finding.hint is not None:
@@ -160,7 +160,7 @@ def say_findings(found: list[Finding]) -> None:
 
 
 def _verdict(found: list[Finding], faults: int) -> str:
-    """The last line: what nobody looked at is not called sound."""
+    """The last line; it names what was not tried, which is not called sound."""
     if faults:
         return f"{faults} to mend"
     unknown = ", ".join(f.what for f in found if f.state == "unknown")

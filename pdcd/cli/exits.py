@@ -19,7 +19,7 @@ CANCELLED = 130
 _CODES = {
     "config": _USAGE,
     "request": _USAGE,
-    "driver_unavailable": _USAGE,  # a name that is unknown, or a package that is not installed
+    "driver_unavailable": _USAGE,  # an unknown name, or a package that is not installed
     "busy": BUSY,
     "denied": DENIED,
     "cancelled": CANCELLED,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def export(args: argparse.Namespace) -> int:
-    """Write the files, all or none of which are new, and say what did not fit into them."""
+    """Write the files, either all of them or none, and say what did not fit into them."""
     from pdcd.files.put import check_name_free, write_atomic
     from pdcd.pictures.written.export import ExportRequest, export_run_pictures
     from pdcd.runs.place import HeldFolder
@@ -48,7 +48,7 @@ def export(args: argparse.Namespace) -> int:
 
 
 def _told(file: ExportedFile, where: str) -> dict[str, object]:
-    """One file as it was written."""
+    """A line on one written file."""
     black, white = file.span or (None, None)
     return {
         "file": f"{where}/{file.name}",

@@ -14,7 +14,7 @@ from pdcd.figures.make import PAGE, make_paper_figures, open_processes
 
 
 def take_figures(args: argparse.Namespace) -> int:
-    """Make the figures; fails where one could not be made, or a number left its bounds."""
+    """Make the figures; fails if one could not be made, or a number is out of its bounds."""
     mode = replace(FULL_MODE if args.full else QUICK_MODE, profile=args.profile)
     folder = args.out.absolute()
     with open_processes(args.workers) as pool:

@@ -1,4 +1,4 @@
-"""`pdcd init`: looks at the machine, asks what it cannot see, writes the files of a bench, and says
+"""`pdcd init`: examines the machine, asks what it cannot see, writes the files of a bench, and says
 what is left to do."""
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from pdcd.setup.propose import BenchProposal, describe_panel, suggest_bench, sug
 _TYPED = "projector", "mask", "camera", "release"
 _MOVES = "open", "close"
 _SOCKET = "/run/pdcd.sock"
-"""Of the service."""
+"""Socket of the service."""
 
 
 def prepare_bench(args: argparse.Namespace) -> int:
-    """Write a bench, look at it as the doctor does, and fail where anything must be mended."""
+    """Write a bench's files, examine it as the doctor does; fails when anything must be mended."""
     asks = not args.yes
     if asks and not sys.stdin.isatty():
         raise ConfigError("there is nobody to ask", hint="give --yes to accept every proposal")
@@ -57,7 +57,7 @@ def prepare_bench(args: argparse.Namespace) -> int:
 
 
 def _find_folder(out: Path | None) -> Path:
-    """Where the daemon of this user looks for its configuration, or what was typed."""
+    """The folder given, or the one where this user's daemon looks for its configuration."""
     folder = out.absolute() if out else _find_default()
     if folder is None:
         raise ConfigError(
@@ -86,7 +86,7 @@ def _say_facts(facts: BenchFacts) -> None:
 
 
 def _ask_all(facts: BenchFacts, chosen: BenchChoices, typed: dict[str, str | None]) -> BenchChoices:
-    """What cannot be seen from here, asked at the terminal; what was typed already is not."""
+    """Ask at the terminal what cannot be seen from here, unless it was given as an option."""
     answers: dict[str, str | None] = dict(typed)
     outputs = {output.name: describe_panel(output) for output in facts.outputs}
     for role in ("projector", "mask"):
@@ -122,8 +122,8 @@ def _to_number(text: str) -> float:
 
 
 def _ask(question: str, ways: dict[str, str], proposed: str) -> str:
-    """One answer: a number of the list or a name in it; anything where there is no list. Return
-    alone takes the proposal. Raises ConfigError where nobody answers any more."""
+    """One answer: a number or a name in the list, or any text where there is no list. Return alone
+    takes the proposal. Raises ConfigError at the end of input."""
     names = list(ways)
     tell_user(question)
     for number, name in enumerate(names, 1):
@@ -143,7 +143,7 @@ def _ask(question: str, ways: dict[str, str], proposed: str) -> str:
 
 
 def _say_left(made: BenchProposal, folder: Path) -> int:
-    """What the doctor finds in the configuration that was written, and what is left to do."""
+    """Print the doctor's findings on the written configuration, and what is left to do."""
     path = folder / CONFIG
     faults = [Finding("configuration", "fault", f.message) for f in read_config(path)[1]]
     found = faults or list(_examine(path))
@@ -163,7 +163,7 @@ def _examine(path: Path) -> Iterator[Finding]:
 
 
 def _list_steps(made: BenchProposal, folder: Path, bad: Sequence[Finding]) -> Iterator[str]:
-    """Sentences, in the order in which things are done."""
+    """The steps that are left, as sentences, in the order in which to do them."""
     yield from made.left
     if made.modes is not None:
         yield f"read {folder / INSTALL}, then run: sudo sh {folder / INSTALL}"
@@ -181,7 +181,7 @@ def _list_steps(made: BenchProposal, folder: Path, bad: Sequence[Finding]) -> It
     yield from (f"{f.what}: {f.hint or f.found}" for f in bad if f.what not in waits)
     config = "" if folder == _find_default() else f" --config {folder / CONFIG}"
     where = f" --socket {_SOCKET}" if made.modes is not None else f" --local{config}"
-    # What counts refreshes cannot be measured where the processor draws.
+    # Steps that count refreshes cannot be measured where the processor draws.
     drawn = made.tables.get("display", {}).get("options", {}).get("allow_software")
     step = " geometry" if drawn else ""
     yield f"put a white card where the scene will be and run: pdcd calibrate{step}{where}"

@@ -24,11 +24,11 @@ from pdcd.files.system import require_linux
 from pdcd.printable import to_indented_lines, write_stderr
 
 _JOBS = ("capture", "transport", "calibrate")
-"""Commands that have one job done, and print how it ended."""
+"""Commands that run one job, and print how it ended."""
 _READERS = (
     "runs", "decode", "verify", "export", "report", "row", "snr", "version", "completion", "man",
 )  # fmt: skip
-"""Commands that need no bench, and so no Linux, either."""
+"""Commands that need no bench, and therefore no Linux."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _run(build_parser(typed).parse_args(typed))
     except BrokenPipeError:
-        return FAILED  # the reader of our output has gone
+        return FAILED  # the reader of our output is gone
     finally:
         replace_broken_streams()
 
@@ -65,7 +65,7 @@ def _run(args: argparse.Namespace) -> int:
         return _fail(args, exit_code_of(err.kind), str(err), err.kind, err)
     except KeyboardInterrupt:
         return _fail(args, CANCELLED, "interrupted", "cancelled")
-    except SystemExit as err:  # of a driver, or of what it loads
+    except SystemExit as err:  # from a driver, or from what it loads
         said = f"a driver, or one of its libraries, ended the program: SystemExit {err.code!r:.200}"
         return _fail(args, FAILED, said, PdcdError.kind)
     except BrokenPipeError:
@@ -80,8 +80,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _keep_others_out() -> None:
-    """Let nobody else write to what this process makes, where the umask lets everybody. One that
-    lets a group alone is believed."""
+    """If the umask lets everybody write to files of this process, let only the user write. A umask
+    that lets only the group write is left as it is."""
     mask = os.umask(0o077)
     os.umask(mask if mask & 0o002 else mask | 0o022)
 
@@ -98,17 +98,17 @@ def _command(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
 def _fail(
     args: argparse.Namespace, code: int, text: str, kind: str, error: PdcdError | None = None
 ) -> int:
-    """Say what went wrong on stderr and, for scripts that asked for JSON, on stdout."""
+    """Print an error on stderr and, for scripts that asked for JSON, on stdout."""
     if args.json:
         told: dict[str, object] = {}
-        if args.command in _JOBS:  # scripts find these three in every last line of a job
+        if args.command in _JOBS:  # the last line of every job has these three
             told = {"job": None, "state": "failed", "folder": None}
             if code == CANCELLED:
                 told["state"] = "cancelled"
         from pdcd.files.text import encode_json  # nothing but the parser is imported before
 
         told["error"] = {**to_error_fields(error or PdcdError(text)), "kind": kind}
-        with contextlib.suppress(PdcdError, BrokenPipeError):  # stdout may be what went wrong
+        with contextlib.suppress(PdcdError, BrokenPipeError):  # stdout itself may be broken
             write_stdout(encode_json(told).decode() + "\n")
     if kind == "request":
         from pdcd.cli.request import name_options

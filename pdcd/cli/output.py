@@ -21,14 +21,14 @@ from pdcd.protocol.result import CaptureResult, Quality, quality_of, read_summar
 from pdcd.runs.folder import REPORT_FILE
 
 WIDTH = 80
-"""Columns that are written to where no terminal says how many it has."""
+"""Columns of output where there is no terminal with a width."""
 _LABEL = 16
-"""A column that is no wider is not broken."""
+"""Columns up to this width are not broken into lines."""
 _WHOLE_WORDS: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
 
 
 def say(text: str) -> None:
-    """Print one result line. What cannot be seen in it is escaped, for others wrote much of it."""
+    """Print one result line. Invisible characters are escaped, as much of it comes from others."""
     write_stdout(to_one_line(text) + "\n")
 
 
@@ -38,8 +38,8 @@ def say_json(value: object) -> None:
 
 
 def say_comparison(report: object, items: Iterable[tuple[str, bool]], *, as_json: bool) -> int:
-    """Print what was made again, each by its name and whether it is as it was, and return the exit
-    code that goes with it."""
+    """Print the name of each item that was made again and whether it is identical, and return the
+    matching exit code."""
     found = list(items)
     if as_json:
         say_json(report)
@@ -63,8 +63,8 @@ def say_table(rows: Sequence[Sequence[str]]) -> None:
 
 
 def draw_table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """The lines of rows in aligned columns, no wider than the terminal but for words, which are not
-    broken: paths among them are copied."""
+    """The lines of rows in aligned columns, no wider than the terminal. Words are never broken, so
+    that paths can be copied, even if a line gets wider."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -94,8 +94,7 @@ def draw_table(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def say_text(text: str) -> None:
-    """Print a sentence in lines no longer than the terminal is wide, all but the first a little
-    further in."""
+    """Print a sentence in lines no longer than the terminal is wide, indented after the first."""
     for line in textwrap.wrap(
         to_one_line(text), find_terminal_width(), subsequent_indent="  ", **_WHOLE_WORDS
     ):
@@ -103,7 +102,7 @@ def say_text(text: str) -> None:
 
 
 def say_result(result: CaptureResult, *, as_json: bool) -> int:
-    """Print the end of a job and return the exit code that goes with it."""
+    """Print how a job ended and return the matching exit code."""
     if as_json:
         say_json(result)
     else:
@@ -143,8 +142,8 @@ def _say_plainly(result: CaptureResult) -> None:
 
 
 def ask_consent(question: str, *, silent: bool) -> bool:
-    """Whether somebody at this terminal agrees. Raises ConfigError where nobody is there to ask, or
-    who reads the output is no person (`silent`)."""
+    """Whether the user at this terminal agrees. Raises ConfigError if there is no terminal to ask
+    at, or the output is for a program (`silent`)."""
     if silent or not sys.stdin.isatty():
         raise ConfigError("there is nobody to ask", hint="give --yes")
     tell_user(f"{question} [y/N]")
@@ -155,7 +154,7 @@ def ask_consent(question: str, *, silent: bool) -> bool:
 
 
 def say_notes(result: CaptureResult) -> None:
-    """Print why a photo is not good, what else to know of it, and all warnings of the run."""
+    """Print why a photo is not good, other remarks on it, and all warnings of the run."""
     say_verdict(quality_of(result.summary), result.warnings)
 
 

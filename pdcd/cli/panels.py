@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 
 _MOCK = "mock"
 _NOTHING_TO_SEE = "these are the mock bench's panels, which exist as numbers only: nothing to see"
-"""What to say where the driver is `_MOCK`, lest one look for a window."""
+"""What to say if the driver is `_MOCK`, so that the user does not look for a window."""
 
 _SIDES = "left: projector", "right: mask"
 _MOST_S = 1e9
-"""Longest time to show a pattern for; who wants it for ever leaves `--seconds` out."""
+"""Longest time to show a pattern for; without `--seconds` it is shown for ever."""
 _LOOP_S = 60.0
-"""Length of one pass of `pdcd show --loop`; a few black refreshes lie between two."""
+"""Length of one pass of `pdcd show --loop`; a few black refreshes lie between passes."""
 
 
 def show_pattern(args: argparse.Namespace) -> int:
-    """Hold a pattern until Ctrl-C or for some time: by the daemon where one answers, as the panels
-    are its own, else in this process."""
+    """Show a pattern until Ctrl-C or for some time. If a daemon answers, it does so, as it holds
+    the panels; else this process does."""
     if args.seconds is not None and not 0.0 <= args.seconds <= _MOST_S:
         raise ConfigError(f"--seconds {args.seconds:g} is not between 0 and {_MOST_S:g}")
     client = find_daemon(args, needed=args.detach, drives=True)
@@ -50,7 +50,7 @@ def show_pattern(args: argparse.Namespace) -> int:
 
 
 def _show_there(args: argparse.Namespace, client: Client) -> int:
-    """Ask the daemon; the picture stays as long as this command does, or for good if detached."""
+    """Ask the daemon; the picture stays while this command runs, or for good if detached."""
     if args.loop or args.pattern in get_args(MovingName):
         raise BusyError(
             "the daemon has the panels, and shows single patterns only",
@@ -80,7 +80,7 @@ def _show_there(args: argparse.Namespace, client: Client) -> int:
         except UnreachableError:
             if args.seconds is None:
                 raise
-            client.cancel(shown.job)  # its time is over; a daemon that has gone is told apart here
+            client.cancel(shown.job)  # its time is over; this fails if the daemon is gone
         else:
             tell_user("ended by another command")
     return DONE
@@ -92,7 +92,7 @@ def _show_here(args: argparse.Namespace) -> int:
     from pdcd.capture.show import make_loop_frames, make_pattern_frames, make_pixel_frames
 
     config = load_config(args.config)
-    # A lost refresh is no reason to stop showing.
+    # A missed refresh is no reason to stop showing.
     config = msgspec.structs.replace(
         config, rig=msgspec.structs.replace(config.rig, on_miss="flag")
     )
@@ -140,7 +140,7 @@ def _play(display: Display, frames: Frames, end_s: float) -> None:
 
 
 def _draw(args: argparse.Namespace, config: Config, frames: Frames | None) -> None:
-    """Draw what would be on the mock's panels."""
+    """Draw what would be shown on the mock's panels, into a picture file."""
     import numpy as np
 
     from pdcd.bench.placed import panels_of
@@ -162,7 +162,7 @@ def _draw(args: argparse.Namespace, config: Config, frames: Frames | None) -> No
 
 
 def _picture(pattern: str, index: int) -> str:
-    """What both panels show, for people; a mask's pattern is as `pdcd.capture.show` has it."""
+    """What both panels show, in words; the mask's pattern follows `pdcd.capture.show`."""
     name = f"code {index}" if pattern == "code" else pattern
     if pattern in ("projector", "mask"):
         return f"the {pattern} alone, white"
@@ -172,7 +172,7 @@ def _picture(pattern: str, index: int) -> str:
 
 
 def measure_timing(args: argparse.Namespace) -> int:
-    """Show random codes and tell how regular they were; fails when refreshes were missed."""
+    """Show random codes and print how regular they were; fails when refreshes were missed."""
     from pdcd.presenter.timing import draw_histogram, measure_refreshes
 
     found = measure_refreshes(load_config(args.config), args.frames)

@@ -1,6 +1,7 @@
-"""The parser of the command line, made of the table in `pdcd.cli.typed`.
+"""The parser of the command line, made from the table in `pdcd.cli.typed`.
 
-argparse shows what it holds by names that begin with a line; all use of them is here.
+argparse shows its contents only through names that begin with an underscore; all uses of these are
+here.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ EXIT_CODES = (
     "6 denied, 130 cancelled (what lasts until Ctrl-C, as stream and serve do, ends by it with 0)"
 )
 LISTED = "list_"
-"""What the names of filters of the list itself begin with. Those of a command behind it have their
-own: one that was typed before the command must not be lost."""
+"""Prefix for names of the list's own filters. Filters of a command after it have other names, so
+that a filter typed in front of the command is not lost."""
 _PATTERNS = (*get_args(PatternName), *get_args(MovingName))
 _WORDS = {
     "<patterns>": ", ".join(_PATTERNS),
@@ -31,10 +32,10 @@ _WORDS = {
     "<steps>": ", ".join(get_args(StepName)),
     "<when>": WHEN,
 }
-"""What stands in the table for words that are at home elsewhere."""
+"""Placeholders in the table, for words that are defined elsewhere."""
 
 _How = dict[str, Any]
-"""What argparse's `add_argument` takes."""
+"""Keywords for argparse's `add_argument`."""
 
 
 _TYPES: dict[str, Callable[[str], Any]] = {
@@ -43,13 +44,13 @@ _TYPES: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("S", "E", "X", "BLACK", "HZ"), float),
     "SHARE": parse_share,
 }
-"""Type of a value by the (first) word that stands for it; a text where it is none of these."""
+"""Type of a value, by the (first) word that stands for it; other words stand for text."""
 _CHOICES = {"GOAL": get_args(GoalName), "PATTERN": _PATTERNS, "STILL": get_args(PatternName)}
-"""What a value may be, by the word that stands for it."""
+"""Allowed values, by the word that stands for a value."""
 
 
 class ArgumentRow(NamedTuple):
-    """One row of a table: its first columns, all the text behind them, and rows below it."""
+    """One row of a table: its first column, all the text after it, and the rows below it."""
 
     first: str
     text: str
@@ -58,7 +59,7 @@ class ArgumentRow(NamedTuple):
 
 @functools.cache
 def _rows_of(table: str) -> list[ArgumentRow]:
-    """The rows of a table (see `pdcd.cli.typed`), which nobody changes."""
+    """The rows of a table (see `pdcd.cli.typed`); they are kept, so do not change them."""
     for word, meant in _WORDS.items():
         table = table.replace(word, meant)
     found: list[ArgumentRow] = []
@@ -75,8 +76,8 @@ def _rows_of(table: str) -> list[ArgumentRow]:
 def build_parser(typed: Sequence[str] | None = None) -> argparse.ArgumentParser:
     """Return the parser; it sets `run` to the "module:function" of the command.
 
-    typed : the words that it is for: commands that are none of them go without options, whose
-    imports take time. None: all have theirs.
+    typed : the words of the command line. Commands that are not among them get no options, as
+    options import modules, which takes time. None: all commands get their options.
     """
     parser = CommandParser(
         prog="pdcd",
@@ -98,7 +99,7 @@ def _add_commands(
     *,
     required: bool,
 ) -> None:
-    """Add commands of one word, each with its options and those of two words that begin with it."""
+    """Add commands of one word, each with its options and its own commands of a second word."""
     below = parser.add_subparsers(
         parser_class=CommandParser, dest=dest, required=required, metavar="COMMAND"
     )
@@ -126,7 +127,7 @@ def _add_commands(
         if own:
             _add_commands(made, own, f"{name}_command", None, required=run == "-")
         usages = [f"%(prog)s {each.text}" for each in row.below if each.first == "usage"]
-        if usages:  # only now, for the names of its own commands would begin with it
+        if usages:  # only now, else the names of its own commands would begin with it
             made.usage = "\n       ".join(usages)
         _add_options(made, row.below)
 
@@ -137,7 +138,7 @@ def _add_options(
     before: str = "",
     how: _How | None = None,
 ) -> None:
-    """Add options. before : what their names in the namespace begin with. how : for all of them."""
+    """Add options. before : prefix of their names in the namespace. how : keywords for all."""
     for row in rows:
         what, *words = row.first.split()
         if what.startswith("@"):
@@ -168,14 +169,14 @@ def _add_shared(
         _add_options(parser, [ArgumentRow("@client", "", []), ArgumentRow("@local", "", [])])
         request.add_request_fields(parser, without=told.get("without", "").split(","))
         return
-    if name == "again":  # what was typed before the command counts where it is not typed again
+    if name == "again":  # an option typed before the command applies unless repeated
         name, how = "runs", {"default": argparse.SUPPRESS}
     (rows,) = (row.below for row in _rows_of(SHARED) if row.first == name)
     _add_options(parser, rows, LISTED if words else "", how)
 
 
 def _read_option(text: str) -> tuple[list[str], _How]:
-    """Names of an option or an argument, and what argparse takes of it; see `pdcd.cli.typed`."""
+    """Names of an option or an argument, and its keywords for argparse; see `pdcd.cli.typed`."""
     words = text.split()
     how: _How = {}
     if ">" in words:
@@ -209,7 +210,7 @@ def _read_option(text: str) -> tuple[list[str], _How]:
 
 
 def list_subparsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    """The parsers of all commands below one, each before those of its own, as they were added."""
+    """The parsers of all commands below one, in order; each comes before its own commands."""
     for action in parser._actions:  # noqa: SLF001
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
             for below in action.choices.values():
@@ -218,7 +219,7 @@ def list_subparsers(parser: argparse.ArgumentParser) -> Iterator[argparse.Argume
 
 
 def actions_of(parser: argparse.ArgumentParser) -> list[argparse.Action]:
-    """What can be typed behind a command; its own commands left out."""
+    """The options and arguments of a command, without its own commands."""
     return [
         action
         for action in parser._actions  # noqa: SLF001

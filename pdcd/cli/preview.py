@@ -1,4 +1,4 @@
-"""`pdcd preview`: what the camera sees, live, with figures to focus and to expose by."""
+"""`pdcd preview`: what the camera sees, live, with figures for focus and exposure."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.protocol.views import LiveFrame
 
 _MOST_S = 1e9
-"""Longest time to look for; who wants it for ever leaves `--seconds` out."""
+"""Longest time of a live view; without `--seconds` it goes on for ever."""
 _LINE_S = 1.0
 """Time between two lines of figures."""
 
 
 def show_live_view(args: argparse.Namespace) -> int:
-    """Look until Ctrl-C or for some time: by the daemon where one answers, as the rig is its own,
-    else in this process; or on a page (`--web`)."""
+    """Show the live view until Ctrl-C or for some time. If a daemon answers, it takes the pictures,
+    as it holds the rig; else this process does. With `--web` the view is on a page."""
     if args.seconds is not None and not 0.0 <= args.seconds <= _MOST_S:
         raise ConfigError(f"--seconds {args.seconds:g} is not between 0 and {_MOST_S:g}")
     if args.web:
@@ -79,7 +79,7 @@ def _look_here(args: argparse.Namespace, take: Callable[[LiveFrame], bool]) -> C
 
 
 class _Shown:
-    """Figures as they come: a line a second, which a terminal has rewritten, or JSON."""
+    """Prints figures as they come: a line a second, rewritten in place on a terminal, or JSON."""
 
     def __init__(self, args: argparse.Namespace) -> None:
         self._json: bool = args.json
@@ -93,9 +93,9 @@ class _Shown:
             tell_user("Ctrl-C ends" if args.seconds is None else f"for {args.seconds:g} s")
 
     def take(self, frame: LiveFrame) -> bool:
-        """Show the figures of a picture; whether it is the last one wanted."""
+        """Show the figures of a picture; returns whether it is the last one wanted."""
         now_s = time.monotonic()
-        if self._begun_s is None:  # what it took to begin does not count
+        if self._begun_s is None:  # the time it took to begin does not count
             self._begun_s = now_s
         self._last = frame
         if self._json:
@@ -107,7 +107,7 @@ class _Shown:
         return self._seconds is not None and now_s - self._begun_s >= self._seconds
 
     def end(self, result: CaptureResult) -> int:
-        """Keep the last picture, and say how it ended: somebody's end is no failure."""
+        """Keep the last picture, and print how the view ended; ending on request is no failure."""
         if self._rewrites and self._last is not None:
             write_stdout("\n")
         if self._out is not None and self._last is not None:
@@ -126,7 +126,7 @@ class _Shown:
 _FIGURES = (
     "number", "t_mono_ns", "rate_hz", "focus", "best", "mean", "saturated", "outline",
 )  # fmt: skip
-"""What JSON tells of a picture."""
+"""Figures of a picture in JSON."""
 
 
 def _describe(frame: LiveFrame) -> str:

@@ -1,7 +1,7 @@
-"""How the command line refuses what was typed: two lines, with the option and what to type.
+"""How the command line refuses wrong input: two lines, with the option and what to type instead.
 
-argparse knows what is wrong; here it is said in the words of whoever typed it. All that overrides
-it is in this file.
+argparse finds what is wrong; this module says it in terms of what the user typed. All overrides of
+argparse are in this file.
 """
 
 from __future__ import annotations
@@ -20,42 +20,42 @@ _PLAIN = {
     "float": "a number",
     "parse_share": "a share, such as 0.01 or 1%",
 }
-"""What a type takes that has no words of its own."""
+"""What values of a type are, in words, for types without words of their own."""
 
 
 class CommandParser(argparse.ArgumentParser):
     """The parser of the program or of a command."""
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As argparse does; what nobody knows is refused by the command that it was typed for."""
+        """As argparse does, but unknown words are refused by the command they were typed for."""
         found, left = self.parse_known_args(args, namespace)
         if left:
             _find_command(self, found)._refuse_words(left)  # noqa: SLF001
         return found
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As argparse does, but an option that is not known is refused first: what follows it
-        would be taken for something else."""
+        """As argparse does, but an unknown option is refused first: the words after it would be
+        taken for something else."""
         for word in _list_options(args or (), self._list_commands()):
             if word not in self._option_string_actions:
                 self._refuse_words([word])
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong below how the command is used, and exit with code 2."""
+        """Print the usage and below it what is wrong, and exit with code 2."""
         text = re.sub(r"^(\S+): it takes", r"\1 takes", message.removeprefix("argument "))
         missing = re.fullmatch(r"the following arguments are required: (.*)", text)
         if missing is not None:
             text = self._describe_missing(missing[1])
         elif "(" not in text:
             text += f" (type {self.prog} --help)"
-        # argparse's own way of saying it fails where nobody reads, in Debian 12.
+        # argparse's own printing fails in Debian 12 when nobody reads.
         write_stderr(f"{self._shorten_usage()}\n{self.prog}: {to_one_line(text)}\n")
         self.exit(2)
 
     def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
-        """Values of an option, as their type has them. argparse takes "--" out of them as if it
-        stood by itself: of `--out=--` an empty list would be left, whatever the option's type."""
+        """Values of an option, in their type. argparse removes "--" as if it stood by itself, so
+        `--out=--` would leave an empty list, whatever the option's type: it is refused."""
         if action.option_strings and "--" in arg_strings:
             raise argparse.ArgumentError(
                 action, f"it takes a value, not -- (type {_say_form(action)})"
@@ -63,7 +63,7 @@ class CommandParser(argparse.ArgumentParser):
         return super()._get_values(action, arg_strings)
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        """One value, or what to type in its place."""
+        """One value, or an error that says what to type in its place."""
         try:
             return super()._get_value(action, arg_string)
         except argparse.ArgumentError as err:
@@ -77,7 +77,7 @@ class CommandParser(argparse.ArgumentParser):
             ) from err
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse a word that is none of those there are, with the nearest of them."""
+        """Refuse a word that is not among the choices, and suggest the nearest one."""
         if action.choices is not None and value not in action.choices:
             words = list(map(str, action.choices))
             listed = suggest_word(str(value), words) or f"one of {', '.join(words)}"
@@ -89,7 +89,7 @@ class CommandParser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"there is no {str(value)!r} (type {listed})")
 
     def _match_argument(self, action: argparse.Action, arg_strings_pattern: str) -> int:
-        """How many words an option takes of those that follow."""
+        """The number of following words that an option takes."""
         try:
             return super()._match_argument(action, arg_strings_pattern)
         except argparse.ArgumentError as err:
@@ -100,7 +100,7 @@ class CommandParser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"{what} (type {_say_form(action)})") from err
 
     def _refuse_words(self, words: Sequence[str]) -> NoReturn:
-        """Refuse words that belong nowhere; of an option, with the nearest there is."""
+        """Refuse words that belong nowhere; for an option, suggest the nearest one."""
         word = words[0].partition("=")[0]
         if word == "%":
             self.error("'%' stands alone (type it behind its number without a space, such as 5%)")
@@ -117,7 +117,7 @@ class CommandParser(argparse.ArgumentParser):
         self.error(f"there is no {word} (type {listed})")
 
     def _list_commands(self) -> set[str]:
-        """Words that begin a command of its own."""
+        """The names of this parser's own commands."""
         return {
             name
             for action in self._actions
@@ -126,7 +126,7 @@ class CommandParser(argparse.ArgumentParser):
         }
 
     def _describe_missing(self, names: str) -> str:
-        """Say what was left out, and how it is typed."""
+        """A sentence on what was left out, and how to type it."""
         for action in self._actions:
             called = argparse._get_action_name(action)  # noqa: SLF001
             if called and called in names.split(", "):
@@ -139,7 +139,7 @@ class CommandParser(argparse.ArgumentParser):
         return f"{names} is missing (type {self.prog} --help)"
 
     def _shorten_usage(self) -> str:
-        """How the command is used, in one line."""
+        """The usage of the command, in one line."""
         whole = self.format_usage().strip().splitlines()
         if len(whole) == 1 or self.usage is not None:
             return whole[0]
@@ -148,7 +148,7 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def _list_options(words: Iterable[str], ends: Container[str]) -> Iterator[str]:
-    """Names of long options among what was typed, before the first word that `ends` has."""
+    """Names of the long options among the words, before the first word that is in `ends`."""
     for word in words:
         if word == "--" or word in ends:
             return
@@ -167,7 +167,7 @@ def _find_command(parser: CommandParser, found: argparse.Namespace) -> CommandPa
 
 
 def _call(action: argparse.Action) -> str:
-    """What is typed before the values of an option."""
+    """The word to type before the values of an option."""
     return action.option_strings[-1] if action.option_strings else ""
 
 

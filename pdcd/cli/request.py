@@ -1,6 +1,6 @@
-"""Fields of a request as options, and what was typed as a request.
+"""Turns fields of a request into options, and the options that were typed into a request.
 
-One loop over the fields of `pdcd.protocol.fields`; nothing here knows one of them by its name.
+It loops over the fields of `pdcd.protocol.fields`; nothing here depends on the name of a field.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _Group = argparse._ActionsContainer  # noqa: SLF001
 
 
 def add_request_fields(parser: argparse.ArgumentParser, *, without: Container[str] = ()) -> None:
-    """Add all fields of a photo but its goal and some, in their groups."""
+    """Add all fields of a photo, in their groups, except its goal and those in `without`."""
     fields = [
         field
         for field in list_request_fields().values()
@@ -37,7 +37,7 @@ def add_request_fields(parser: argparse.ArgumentParser, *, without: Container[st
 
 
 def add_goal(parser: argparse.ArgumentParser, only: str | None = None) -> None:
-    """Add the goal, which has no option: it comes first, unless there is `only` one."""
+    """Add the goal as the first argument, or as a constant if there is `only` one."""
     goal = list_request_fields()["goal"]
     if only is not None:
         parser.set_defaults(goal=only)
@@ -55,7 +55,7 @@ def add_named(parser: argparse.ArgumentParser, names: Sequence[str]) -> None:
 
 
 def add_request_field(group: _Group, field: Field) -> None:
-    """Add one field. What is not typed is left as the request has it."""
+    """Add one field. If it is not typed, the request's own default applies."""
     if field.kind == "choice" and "true" in field.takes:
         _add_switched(group, field)
         return
@@ -63,13 +63,13 @@ def add_request_field(group: _Group, field: Field) -> None:
 
 
 def option_of(field: Field) -> str:
-    """What it is called on the command line."""
+    """The name of its option on the command line."""
     return "--" + (field.about.option or field.name).replace("_", "-")
 
 
 def name_options(refusal: str) -> str:
-    """A refusal that names fields of a request, with options in their place. Rooms that refuse
-    them do not know how they were asked for."""
+    """A refusal with the names of fields replaced by options. Code that refuses a field does not
+    know that it was typed as an option."""
     options = {field.name: option_of(field) for field in list_request_fields().values()}
     names = "|".join(sorted(options, key=len, reverse=True))
     lists = rf"\b(needs|takes no|it takes|give) ((?:{names})(?:, (?:{names}))*)\b"
@@ -82,9 +82,9 @@ def name_options(refusal: str) -> str:
 
 
 def parse_request_options(args: argparse.Namespace) -> CaptureRequest:
-    """Check what was typed against the types of a request. Raises ConfigError.
+    """The request that was typed, checked against its types. Raises ConfigError.
 
-    Its files are left out: see `collect_array_files`.
+    Files are left out: see `collect_array_files`.
     """
     values, faults = {}, []
     for name, field in list_request_fields().items():
@@ -102,7 +102,7 @@ def parse_request_options(args: argparse.Namespace) -> CaptureRequest:
 def collect_array_files(args: argparse.Namespace) -> dict[str, Path]:
     """The files that were named, by the request's field; this command opens them itself.
 
-    Raises ConfigError for what is neither a file nor one of the words that do in its place.
+    Raises ConfigError for a value that is neither a file nor one of the words allowed instead.
     """
     found = {}
     for name, field in list_request_fields().items():
@@ -116,7 +116,7 @@ def collect_array_files(args: argparse.Namespace) -> dict[str, Path]:
 
 
 def _value(field: Field, given: Any) -> Any:
-    """What was typed, as the field has it."""
+    """The typed value in the form of the field."""
     if isinstance(given, Path):
         return str(given.absolute())
     if field.about.one_is_both and len(given) == 1:
@@ -136,7 +136,7 @@ def _add_switched(group: _Group, field: Field) -> None:
 
 
 def _how(field: Field) -> dict[str, Any]:
-    """How argparse is to take it."""
+    """The field's keywords for argparse."""
     how: dict[str, Any] = {"help": _help(field), "default": field.default}
     metavar = field.about.metavar or None
     match field.kind:
@@ -159,7 +159,7 @@ def _how(field: Field) -> dict[str, Any]:
 
 
 def _number(field: Field) -> Callable[[str], int | float | str]:
-    """Reads a number, or one of the words in its place; argparse reports the ValueError."""
+    """A function that reads a number, or a word allowed instead; argparse reports ValueErrors."""
     read: Callable[[str], int | float] = (
         int if field.whole else parse_share if field.share else float
     )
@@ -167,12 +167,12 @@ def _number(field: Field) -> Callable[[str], int | float | str]:
     def number(text: str) -> int | float | str:
         return text if text in field.words else read(text)
 
-    number.__name__ = field.takes  # what argparse calls it when it takes no such value
+    number.__name__ = field.takes  # named in argparse's error for a wrong value
     return number
 
 
 def _help(field: Field) -> str:
-    """Its text, which goals take it, and what it is unless typed."""
+    """The help of a field: its text, the goals that take it, and its default."""
     parts = [field.text]
     if field.share:
         parts.append("1% is 0.01")
@@ -186,7 +186,7 @@ def _help(field: Field) -> str:
 
 
 def _goals(names: Sequence[str]) -> str:
-    """Some goals in words; most of them by those that are left out."""
+    """Some goals in words; if they are most of all goals, by naming the others."""
     others = [goal for goal in list_request_fields()["goal"].words if goal not in names]
     if len(others) < len(names):
         return f"all goals but {', '.join(others)}"

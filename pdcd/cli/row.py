@@ -13,7 +13,7 @@ from pdcd.runs.folder import name_row_file
 
 
 def draw_matrix_row(args: argparse.Namespace) -> int:
-    """Write the picture; print least, mean and largest weight, as wanted and as realised."""
+    """Write the picture; print least, mean and largest weight, both wanted and realised."""
     down, right = args.cell
     found = read_matrix_row(args.folder, (down, right), args.photo)
     path = args.out or args.folder / name_row_file(found.photo, (down, right))

@@ -46,15 +46,15 @@ if TYPE_CHECKING:
 
 _UNITS = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
 _NEWEST = 50
-"""Runs that are listed where not all are asked for."""
+"""Number of runs that are listed unless all are asked for."""
 _COLUMNS = ("job", "came out", "goal", "codes", "exposure", "error")
 _WIDTHS = (21, 10, 12, 5, 8, 8)
-"""Of the columns; with two spaces between them they are no wider than a terminal."""
+"""Widths of the columns; with two spaces between them they fit into a terminal."""
 _FINISHED = ("done", "partial", "damaged")
 
 
 def print_runs(args: argparse.Namespace) -> int:
-    """Print the newest runs that are like that, or all, the newest last."""
+    """Print the newest runs that match the filters, or all of them, the newest last."""
     everything: bool = args.list_all
     query = parse_run_query(
         args, LISTED, newest=MOST_RUNS if everything else _NEWEST, previews=everything
@@ -90,7 +90,7 @@ def print_runs(args: argparse.Namespace) -> int:
 
 
 def show_run(args: argparse.Namespace) -> int:
-    """Print all that is known of a run."""
+    """Print everything that is known of a run."""
     run = _run_of(args)
     try:
         manifest = read_manifest(Path(run.folder)) if run.state in ("done", "partial") else None
@@ -124,8 +124,7 @@ def export_run(args: argparse.Namespace) -> int:
 
 
 def verify(args: argparse.Namespace) -> int:
-    """Verify the runs that are named, or all finished ones that are like that, as `pdcd verify`
-    does."""
+    """Verify the named runs, or all finished runs that match the filters, as `pdcd verify` does."""
     from pdcd.cli.verify import verify_runs
 
     if args.run_name:
@@ -141,7 +140,7 @@ def verify(args: argparse.Namespace) -> int:
 
 
 def _run_of(args: argparse.Namespace, text: str | None = None) -> RunEntry:
-    """The run that was named by its job, its name or its folder.
+    """The run with this job, name or folder.
 
     Raises RequestError when there is none, or more than one of that name.
     """
@@ -153,7 +152,7 @@ def _run_of(args: argparse.Namespace, text: str | None = None) -> RunEntry:
 
 
 def _find_everywhere(args: argparse.Namespace, query: RunQuery) -> list[RunEntry]:
-    """All runs that are like that, those in folders that --out named among them."""
+    """All runs that match the query, including those in folders given by --out."""
     found: list[RunEntry] = []
     for page in list_run_pages(args, query):
         found += page.runs
@@ -164,8 +163,8 @@ def _find_everywhere(args: argparse.Namespace, query: RunQuery) -> list[RunEntry
 
 
 def _find_in_folder(folder: Path, query: RunQuery, state: str) -> list[RunEntry]:
-    """Runs that lie in a folder itself; none where it cannot be read, or the state folder's list
-    has them."""
+    """Runs directly inside a folder; none if it cannot be read, or lies in the state folder, whose
+    list already has them."""
     if folder.is_relative_to(state):
         return []
     try:
@@ -175,7 +174,7 @@ def _find_in_folder(folder: Path, query: RunQuery, state: str) -> list[RunEntry]
 
 
 def check_option_order(args: argparse.Namespace) -> None:
-    """Raise ConfigError for options of the list in front of a command that has its own."""
+    """Raise ConfigError for options of the list that were typed in front of a command."""
     for name, value in vars(args).items():
         if name.startswith(LISTED) and value:
             option = name.removeprefix(LISTED).removesuffix("s" * (name == f"{LISTED}tags"))
@@ -188,7 +187,7 @@ def check_option_order(args: argparse.Namespace) -> None:
 def parse_run_query(
     args: argparse.Namespace, before: str, *, newest: int, previews: bool = False
 ) -> RunQuery:
-    """What was typed as filters; `before` is what their names begin with. Raises ConfigError."""
+    """The typed filters; `before` is the prefix of their names. Raises ConfigError."""
     if not before:
         check_option_order(args)
     typed: dict[str, Any] = {
@@ -213,8 +212,8 @@ def parse_run_query(
 
 
 def list_run_pages(args: argparse.Namespace, query: RunQuery) -> Generator[Page, None, None]:
-    """Page after page of the runs: below the folder that was named, else of the daemon, else where
-    captures of this user go that need no daemon."""
+    """Page after page of runs: below the folder that was named, else the daemon's, else where this
+    user's captures without a daemon go."""
     if args.state_dir is not None:
         folder = args.state_dir.absolute()
         if not folder.is_dir():
@@ -235,7 +234,7 @@ def list_run_pages(args: argparse.Namespace, query: RunQuery) -> Generator[Page,
 
 
 def _say_runs(found: list[RunEntry]) -> None:
-    """Print a table of runs; what people said of one, and why it failed, in lines below it."""
+    """Print a table of runs; notes on a run, and why it failed, go into lines below it."""
     _say_row(_COLUMNS)
     for run in found:
         _say_row(
@@ -258,7 +257,7 @@ def _say_runs(found: list[RunEntry]) -> None:
 
 
 def _beside(run: RunEntry) -> str | None:
-    """How far a run came that was cut, where its reason does not tell."""
+    """How far an interrupted run came, unless its reason already says so."""
     if run.taken is None or run.taken in (run.reason or ""):
         return None
     return f"after {run.taken}"
@@ -310,7 +309,7 @@ def _shown(run: RunEntry, manifest: Manifest | None) -> list[list[str]]:
 
 
 def _asked(manifest: Manifest) -> str:
-    """What of the request was not left to the program."""
+    """The values of the request that differ from the defaults."""
     usual = msgspec.to_builtins(CaptureRequest(goal="white"))
     apart = {"goal", "name", "tags", "note", "out"}
     return ", ".join(
@@ -321,7 +320,7 @@ def _asked(manifest: Manifest) -> str:
 
 
 def _json_words(value: object) -> str:
-    """A value of a request in few letters: a word as it is, all else as JSON."""
+    """A value of a request, shortened: text as it is, other values as JSON."""
     if isinstance(value, str):
         return value
     text = encode_json(value).decode()
@@ -339,14 +338,14 @@ def _local(utc: str | None) -> str | None:
 
 
 def prune(args: argparse.Namespace) -> int:
-    """Say which runs are to go, ask, and remove them; fails when one of them could not be."""
+    """List the runs to remove, ask, and remove them; fails if one of them cannot be removed."""
     require_linux("runs prune")
     from pdcd.runs.prune import find_unwanted_runs, remove_run
 
     _check_prune(args)
     older = None if args.older_than is None else parse_moment(args.older_than, "--older-than")
     query = parse_run_query(args, "", newest=1)
-    # Of the daemon only where its runs lie is asked: they are removed with the rights of this user.
+    # The daemon is only asked where its runs lie: this user's rights are used to remove them.
     with closing(list_run_pages(args, query)) as found:
         state = Path(next(found).state_folder)
     going = list(
@@ -376,7 +375,7 @@ def prune(args: argparse.Namespace) -> int:
 
 
 def _check_prune(args: argparse.Namespace) -> None:
-    """Raise ConfigError unless it was said which runs are to go."""
+    """Raise ConfigError unless the command line says which runs to remove."""
     check_option_order(args)
     if args.keep is not None and args.keep < 0:
         raise ConfigError(f"--keep {args.keep} is negative", hint="type --keep 10 for ten")
@@ -406,7 +405,7 @@ def _size(runs: list[UnwantedRun]) -> str:
 
 
 def parse_moment(text: str, option: str, now: datetime | None = None) -> datetime:
-    """The moment in UTC; a date without a zone is one of this machine's.
+    """The moment in UTC; a date without a zone is in this machine's zone.
 
     Raises ConfigError, which names the `option`.
     """
@@ -415,7 +414,7 @@ def parse_moment(text: str, option: str, now: datetime | None = None) -> datetim
     try:
         if ago is not None:
             return now - timedelta(**{_UNITS[ago[2]]: int(ago[1])})
-        # A moment without a zone is taken for one of this machine's.
+        # A moment without a zone is in this machine's zone.
         return datetime.fromisoformat(text).astimezone(UTC)
     except (ValueError, OverflowError) as err:
         raise ConfigError(f"{option} {text!r} is not a time", hint=f"it takes {WHEN}") from err

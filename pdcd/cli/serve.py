@@ -17,8 +17,8 @@ def serve(args: argparse.Namespace) -> int:
         from pdcd.cli.starting import serve_in_background
 
         return serve_in_background(args)
-    # First of all: it imports what it needs, a second's work, while we do. Of the main thread,
-    # which lives as long as the daemon.
+    # Started first, as it imports for a second what it needs, while we do the same; and from the
+    # main thread, which lives as long as the daemon.
     child = start_worker()
     try:
         return _serve(args, child)
@@ -27,7 +27,7 @@ def serve(args: argparse.Namespace) -> int:
 
 
 def _serve(args: argparse.Namespace, child: Child[Any]) -> int:
-    gc.disable()  # of what is imported nothing is garbage: looking for some takes a tenth longer
+    gc.disable()  # imports make no garbage; looking for it takes a tenth longer
 
     import msgspec
 

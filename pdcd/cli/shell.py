@@ -1,4 +1,4 @@
-r"""`pdcd version`, `completion SHELL`, `print_manual`: what is told of the program itself.
+r"""`pdcd version`, `completion SHELL`, `man`: information on the program itself.
 
 The manual page has the help of every command as it is printed. Only macros of man(7) that every
 formatter knows are used: TH, SH, nf, fi.
@@ -18,7 +18,7 @@ from pdcd.extras import suggest_install
 from pdcd.version import __version__
 
 _WIDTH = 72
-"""Columns of the help: a formatter puts some in front of it."""
+"""Columns of the help; a formatter indents it by a few more."""
 _FILES = """\
 $XDG_CONFIG_HOME/pdcd/pdcd.toml  the configuration; ~/.config without that variable
 $XDG_STATE_HOME/pdcd             runs and calibrations; ~/.local/state without that variable
@@ -84,6 +84,6 @@ def _as_it_is(text: str) -> list[str]:
 
 
 def _text(text: str) -> str:
-    """A line in which nothing is taken for an order of roff's."""
+    """A line escaped so that roff takes nothing in it for a request."""
     escaped = text.replace("\\", r"\e").replace("-", r"\-")
     return rf"\&{escaped}" if escaped[:1] in (".", "'") else escaped

@@ -18,11 +18,11 @@ _THERMAL_TERMS: dict[model.Thermal, str] = {
     "paper": "paper's thermal term",
     "shot": "dark shot noise",
 }
-"""How tables call the two conventions of `pdcd.sensor.print_snr`."""
+"""Names in tables of the two conventions of `pdcd.sensor.snr`."""
 
 
 class _BreakEven(msgspec.Struct, frozen=True):
-    """Where the mask stops paying; `read_noise_e` is None where both never meet."""
+    """Where the mask stops paying; `read_noise_e` is None if the two SNRs are never equal."""
 
     light: float
     transmission: float
@@ -66,7 +66,7 @@ def print_snr(args: argparse.Namespace) -> int:
 
 
 def list_break_even_rows(pixel: model.SnrPixel, transmission: float) -> list[_BreakEven]:
-    """Break-even read noises of each light, mask (ideal, LCD, the user's), goal and convention."""
+    """Break-even read noises for each light, mask (ideal, LCD, the user's), goal and convention."""
     masks = sorted({1.0, model.LCD_TRANSMISSION, transmission}, reverse=True)
     made = []
     for light, of in ((1.0, pixel), (model.DIM, pixel.dimmed())):
@@ -89,7 +89,7 @@ def _say_appendix(rows: tuple[PrintedRow, ...]) -> None:
     say("appendix of the paper (profile mark2)")
     table = [["quantity", "printed", "ours", "dark shot noise"]]
     for row in rows:
-        # Two digits more than the paper's show how its last one came about.
+        # Two digits more than in the paper show how it got its last one.
         places = len(row.printed.partition(".")[2])
         places += 2 if places else 0
         shot = "" if row.shot is None else f"{row.shot:.{places}f}"

@@ -1,4 +1,4 @@
-"""A daemon as a process of its own, which is started and waited for until it listens."""
+"""Starts a daemon as a process of its own, and waits until it listens."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from pdcd.protocol.line_talk import UnreachableError
 SERVE = (sys.executable, "-P", "-m", "pdcd", "serve")
 """The command; options follow."""
 _LOG = "daemon.log"
-"""What the log of one in the background is called, in the state folder."""
+"""Name of the log of a daemon in the background, in the state folder."""
 _START_S = 120.0
-"""Longest time that one in the background may take to open its devices."""
+"""Longest time that a daemon in the background may take to open its devices."""
 _LOOK_S = 0.02
 _TOLD_LINES = 5
-"""Lines of a log that are told, the last ones."""
+"""Number of last lines of a log that are printed."""
 
 
 def connect_started(
     socket: Path, process: subprocess.Popen[bytes], log: Path, start_s: float, begun: int = 0
 ) -> Client:
-    """Wait until a daemon that was started answers. Raises Unreachable, and tells the end of its
-    log, which had `begun` bytes before, where it ends first or takes longer than `start_s`."""
+    """Wait until a daemon that was started answers. If it ends first or takes longer than
+    `start_s`, print the end of its log, which had `begun` bytes before, and raise Unreachable."""
     give_up_s = time.monotonic() + start_s
     while True:
         try:
             client = Client(socket)
             if client.daemon_pid == process.pid:
                 return client
-            client.close()  # of another one; ours will say that, and end
+            client.close()  # another daemon's; ours will log that, and end
             raise UnreachableError("another daemon answers")
         except UnreachableError:
             if process.poll() is not None or time.monotonic() > give_up_s:
@@ -86,7 +86,7 @@ def serve_in_background(args: argparse.Namespace) -> int:
         if process.poll() is None:
             process.terminate()
         return process.wait() or FAILED
-    except BaseException:  # interrupted: nobody knows of it yet
+    except BaseException:  # interrupted before anything was printed about it
         process.terminate()
         raise
     say(f"listening on {socket}, process {process.pid}, log {log}")
@@ -94,7 +94,7 @@ def serve_in_background(args: argparse.Namespace) -> int:
 
 
 def _refuse_second(socket: Path) -> None:
-    """Raise ConfigError where a daemon answers already: its log would get the lines of another."""
+    """Raise ConfigError if a daemon already answers: both would write into one log."""
     try:
         with Client(socket) as client:
             pid = client.daemon_pid

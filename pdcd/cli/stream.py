@@ -1,4 +1,4 @@
-"""`pdcd stream`: pictures by one plan, again and again, with their rate, latency and error."""
+"""`pdcd stream`: picture after picture by one plan, with their rate, latency and error."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ if TYPE_CHECKING:
     from cv2 import VideoWriter
 
 _LINE_S = 1.0
-"""Time between two lines of figures where no terminal has them rewritten."""
+"""Time between two lines of figures where they are not rewritten in place on a terminal."""
 _VIDEO = ".mp4"
 _USUAL_HZ, _WAITING = 10.0, 16
-"""Pictures a second of a video whose rate is not known by so many pictures."""
+"""Pictures a second of a video whose rate is still unknown after this many pictures."""
 _HELD_BACK = frozenset({"jpeg", "size_px", "arrays"})
-"""What JSON leaves out of what is told of a picture."""
+"""Fields of a picture that JSON leaves out."""
 
 
 def show_stream(args: argparse.Namespace) -> int:
-    """Show figures of pictures until Ctrl-C, an error, or for some time: by the daemon where one
-    answers, as the rig is its own, else in this process. Says so where nobody reads the figures
-    any more, for that ends the light."""
+    """Show figures of pictures until Ctrl-C, an error, or for some time. If a daemon answers, it
+    takes the pictures, as it holds the rig; else this process does. When nobody reads the figures
+    any more, the stream ends, and a message says so."""
     try:
         return _show_stream(args)
     except BrokenPipeError:
@@ -50,7 +50,7 @@ def show_stream(args: argparse.Namespace) -> int:
 
 
 def _show_stream(args: argparse.Namespace) -> int:
-    """The same. Raises BrokenPipeError where nobody reads."""
+    """The same. Raises BrokenPipeError when nobody reads."""
     refuse_with_local(args, "socket", "queue")
     request, shown = _parse(args), _Shown(args)
     with ExitStack() as held:
@@ -69,7 +69,7 @@ def _show_stream(args: argparse.Namespace) -> int:
 
 
 def _parse(args: argparse.Namespace) -> StreamRequest:
-    """What was typed, as a request. Raises ConfigError."""
+    """The typed options as a request. Raises ConfigError."""
     typed = {"over": args.over, "rate_hz": args.rate, "for_s": args.lasts_s}
     try:
         own = convert_fields(StreamRequest, typed)
@@ -82,7 +82,7 @@ def _parse(args: argparse.Namespace) -> StreamRequest:
 def _begin(
     args: argparse.Namespace, request: StreamRequest, held: ExitStack, keeper: _Keeper | None
 ) -> PictureStream:
-    """The stream; `held` ends what it needs. Raises RequestError, Unreachable."""
+    """The stream; leaving `held` ends what it needs. Raises RequestError, Unreachable."""
     files = collect_array_files(args)
     drawn, counted = keeper is not None and keeper.video, keeper is not None and not keeper.video
     client = None if args.local else find_daemon(args, drives=True)
@@ -95,7 +95,7 @@ def _begin(
 
 
 class _Shown:
-    """Figures as they come: a line a second, which a terminal has rewritten, or JSON."""
+    """Prints figures as they come: a line a second, rewritten in place on a terminal, or JSON."""
 
     def __init__(self, args: argparse.Namespace) -> None:
         self._json: bool = args.json
@@ -108,9 +108,9 @@ class _Shown:
             tell_user("Ctrl-C ends" if args.lasts_s is None else f"for {args.lasts_s:g} s")
 
     def take(self, frame: StreamFrame) -> bool:
-        """Show the figures of a picture; whether enough were seen."""
+        """Show the figures of a picture; returns whether enough were seen."""
         now_s = time.monotonic()
-        if self._begun_s is None:  # what it took to begin does not count
+        if self._begun_s is None:  # the time it took to begin does not count
             self._begun_s = now_s
         if self._json:
             told = msgspec.to_builtins(frame)
@@ -122,7 +122,7 @@ class _Shown:
         return self._seconds is not None and now_s - self._begun_s >= self._seconds
 
     def end(self) -> None:
-        """No more come."""
+        """Finish the line of figures: no more will come."""
         if self._rewrites and self._begun_s is not None:
             write_stdout("\n")
 
@@ -143,7 +143,7 @@ def describe_stream_frame(frame: StreamFrame) -> str:
 
 
 class _Keeper:
-    """Keeps the pictures: in a video as they are drawn, or each as a float TIFF in a folder."""
+    """Keeps the pictures: drawn into a video, or each as a float TIFF in a folder."""
 
     def __init__(self, out: Path) -> None:
         """Raises DiskError for a folder that cannot be made."""
@@ -186,7 +186,7 @@ class _Keeper:
             self._write(rate_hz or _USUAL_HZ)
 
     def _write(self, rate_hz: float) -> None:
-        """Write what waits; the rate is that of the first pictures. Raises DiskError."""
+        """Write the waiting pictures; the rate is that of the first ones. Raises DiskError."""
         import cv2
 
         height, width = self._waiting[0].shape[:2]

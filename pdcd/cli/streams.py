@@ -1,8 +1,7 @@
-"""Standard streams that are closed, full or gone: a command ends by what it was asked, or says so.
+"""Standard streams that are closed, full or gone: a command still does its work, or reports it.
 
-Whoever starts us may have closed any of them. Then the next file that is opened gets the number,
-and what is meant for a person would be written into it: so there is something on all three from the
-start.
+The parent process may have closed any of them. Then the next file that is opened gets its number,
+and text for the user would be written into that file. So all three are opened at the start.
 """
 
 from __future__ import annotations
@@ -18,20 +17,20 @@ from pdcd.printable import keep_standard_streams
 
 
 def open_missing_streams() -> None:
-    """Put the null device where a standard stream is missing; called first of all. What stdout has
-    no letter for is written as an escape, as stderr does it."""
+    """Put the null device where a standard stream is missing; called first of all. Characters that
+    stdout cannot encode are written as escapes, as on stderr."""
     keep_standard_streams()
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode))
-    with contextlib.suppress(AttributeError):  # in a notebook, it is no file
+    with contextlib.suppress(AttributeError):  # in a notebook it is not a file
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
 
 
 def write_stdout(text: str) -> None:
-    """Write a result, at once also into a pipe: the command may go on for hours.
+    """Write a result and flush it, also into a pipe: the command may go on for hours.
 
-    Raises BrokenPipeError where nobody reads any more, NoSpaceError and DiskError.
+    Raises BrokenPipeError when nobody reads any more, NoSpaceError and DiskError.
     """
     try:
         sys.stdout.write(text)
@@ -44,8 +43,8 @@ def write_stdout(text: str) -> None:
 
 
 def replace_broken_streams() -> None:
-    """Send what cannot be written to the null device; called last of all, for the interpreter
-    complains of what is left."""
+    """Send unwritten output of broken streams to the null device; called last of all, as the
+    interpreter complains about output that is left."""
     for stream in (sys.stdout, sys.stderr):
         if not _is_flushed(stream):
             with contextlib.suppress(OSError, ValueError):

@@ -1,4 +1,4 @@
-"""`pdcd drivers`, `examine_config`, `decode`, `virtual-camera`: what needs no daemon."""
+"""`pdcd drivers`, `config`, `decode`, `virtual-camera`: commands that need no daemon."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from pdcd.watch import Watch
 
 
 def print_drivers(args: argparse.Namespace) -> int:
-    """Print every known driver, where it comes from and why it may be unavailable."""
+    """Print every known driver, where it comes from, and why it is unavailable if so."""
     from pdcd.bench.registry import describe_drivers
 
     found = describe_drivers()
@@ -44,7 +44,7 @@ def print_drivers(args: argparse.Namespace) -> int:
 
 
 def examine_config(args: argparse.Namespace) -> int:
-    """Try the configuration without a device, or print it in full, or its JSON Schema."""
+    """Check the configuration without a device, or print it in full, or its JSON Schema."""
     if args.action == "schema":
         _say_all(json.dumps(make_config_schema(), indent=2))
         return DONE
@@ -68,8 +68,8 @@ def examine_config(args: argparse.Namespace) -> int:
 
 
 def _say_calibration(settings: Config) -> None:
-    """Print which calibration would be used, and all that are passed over. Raises ConfigError for
-    one that was named and cannot be used."""
+    """Print which calibration would be used, and which are passed over. Raises ConfigError if one
+    was named that cannot be used."""
     found = choose_calibration(settings)
     if found.folder is not None or found.passed:
         say(f"calibration: {describe_calibration_age(settings) or 'none'}")
@@ -133,7 +133,7 @@ def run_virtual_camera(args: argparse.Namespace) -> int:
         raise ConfigError(f"--port {args.port} is not between 0 and {_MOST_PORT}")
     from pdcd.bench.registry import import_driver_module
 
-    # By name, as it loads drivers: pdcd imports none of them.
+    # By name, as drivers are loaded: pdcd imports none of them.
     command = import_driver_module("virtual_camera.command")
     try:
         command.serve_virtual_camera(args.port, scene=args.scene, small=args.small, say=say)

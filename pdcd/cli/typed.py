@@ -1,12 +1,13 @@
-"""What can be typed, as a table: every command, and below it a line for each of its options.
+"""The command line as a table: every command, and below it a line for each of its options.
 
-A command has its words, the "module:function" below `pdcd.cli` that runs it (`-` for one that needs
-another word), and what it does. An option has its names, words that stand for its values (the first
-tells their type), perhaps a default behind `=`, and what it is for. An argument has the name by
-which the command finds it first; so has an option behind `>` where that is not its own. `[ ]` may
-be left out, `...` may come again, `{ }` is one of these, `!` must be given. `@` stands for lines
-that several commands share, or for fields of a request. Two spaces or more part the columns; a line
-further in goes on with the text before it. `pdcd.cli.parser` reads it.
+The line of a command has its words, the "module:function" below `pdcd.cli` that runs it (`-` for
+one that needs another word), and what it does. The line of an option has its names, words that
+stand for its values (the first says their type), an optional default after `=`, and its purpose.
+The line of an argument begins with its name in the namespace; an option may have such a name after
+`>`. `[ ]` may be left out, `...` may be repeated, `{ }` lists the choices, `!` must be given. `@`
+stands for lines that several commands share, or for fields of a request. Two or more spaces
+separate columns; a line with a larger indent continues the text before it. `pdcd.cli.parser` reads
+the table.
 """
 
 from __future__ import annotations

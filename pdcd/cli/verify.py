@@ -1,4 +1,4 @@
-"""`pdcd verify`: are runs and calibrations whole, and as they were when they ended?"""
+"""`pdcd verify`: checks whether runs and calibrations are whole and unchanged since they ended."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pdcd.runs.verify_calibration import verify_calibration
 
 
 def verify_runs(args: argparse.Namespace) -> int:
-    """Look at every folder; fails when one of them is not whole and unchanged."""
+    """Check every folder; fails when one of them is not whole and unchanged."""
     sha256: str | None = args.manifest_sha256
     if sha256 is not None and (len(args.folder) > 1 or not re.fullmatch("[0-9a-fA-F]{64}", sha256)):
         raise ConfigError(

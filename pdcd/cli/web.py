@@ -20,8 +20,8 @@ from pdcd.server import log
 
 
 def serve_web(args: argparse.Namespace, first: str = "") -> int:
-    """Serve the page until interrupted; the address to be opened is printed once. first : what the
-    page begins with: "live" for a live view."""
+    """Serve the page until interrupted; the address to open is printed once. first : the view that
+    the page begins with: "live" for a live view."""
     log.send_to_stderr()
     try:
         from pdcd.web.serve import bind_loopback, run_page_server
@@ -30,7 +30,7 @@ def serve_web(args: argparse.Namespace, first: str = "") -> int:
     given: Path | None = args.state_dir
     state = find_state_dir(load_config(args.config)) if given is None else given
     socket = find_daemon_socket(args)
-    if args.config is not None:  # what the form asks for is done by the daemon's own
+    if args.config is not None:  # requests of the form are done by the daemon itself
         with suppress(UnreachableError):
             connect_daemon(args, drives=True, coming_s=0.0).close()
 

@@ -1,1 +1,1 @@
-"""`pdcd init`: from what a machine has to the files of a bench."""
+"""`pdcd init`: from the devices of a machine to the files of a bench."""

@@ -1,4 +1,4 @@
-"""What was found on a machine that may become a bench, and what somebody chose of it."""
+"""What was found on a machine that may become a bench, and what the user chose."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from pdcd.presenter.outputs import Output
 
 VIRTUAL, MOCK = "virtual", "none"
-"""Cameras that are always there to choose: an EOS 450D without a camera, and the mock one."""
+"""Cameras that can always be chosen: a virtual EOS 450D, and the mock camera."""
 OWN_RELEASE = "camera"
 """The shutter is opened by the camera itself."""
 
 
 @dataclass(frozen=True)
 class CameraFact:
-    """A camera: the driver that speaks to it, what it is asked for by ("04a9:3145", a serial
-    number, an address), what it is in words, and its sensor profile."""
+    """A camera: its driver, the key it is chosen by ("04a9:3145", a serial number, an address),
+    what it is in words, and its sensor profile."""
 
     driver: str
     key: str
@@ -33,11 +33,11 @@ class PortFact:
 
 @dataclass(frozen=True)
 class BenchFacts:
-    """All that was found.
+    """Everything that was found.
 
-    outputs : connected ones, in the order in which they lie on the screen. server : an X server on
-        which nothing but them is, to be used as it is; None: there is none yet. card : whether the
-        machine has a graphics card. notes : what could not be looked at, and why.
+    outputs : connected ones, in the order in which they lie on the screen. server : an X server
+        with nothing but these on it, to be used as it is; None: there is none yet. card : whether
+        the machine has a graphics card. notes : what could not be examined, and why.
     """
 
     outputs: tuple[Output, ...] = ()
@@ -50,12 +50,12 @@ class BenchFacts:
 
 @dataclass(frozen=True)
 class BenchChoices:
-    """What somebody said, or what is proposed where nobody does.
+    """What the user chose, or else what is proposed.
 
-    projector, mask : names of outputs; "" where there are no two. camera : key of one that was
+    projector, mask : names of outputs; "" where there are not two. camera : key of one that was
     found, or `VIRTUAL`, or `MOCK`. release : path of a serial port, or `OWN_RELEASE`. open_hex,
-    close_hex : bytes that a box on that port takes; "" where its line is held. f_number : of a lens
-    that is set by hand.
+    close_hex : commands for a box on that port; "" where a line of the port is held instead.
+    f_number : of a lens that is set by hand.
     """
 
     projector: str = ""

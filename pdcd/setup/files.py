@@ -1,4 +1,4 @@
-"""The files of a bench: texts out of a proposal, put beside those that are there."""
+"""The files of a bench: their texts from a proposal, written without losing existing files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PACKAGE = Path(__file__).parents[1]
 UNIT_FOLDER = next(
     folder for folder in (_PACKAGE / "_systemd", SOURCE_ROOT / "systemd") if folder.is_dir()
 )
-"""Units and templates: within an installed wheel, else in the checkout."""
+"""Folder of units and templates: in an installed wheel, else in the checkout."""
 _VENV = "/opt/pdcd/.venv"
 """Where the units look for the program."""
 _DEBIAN = (
@@ -61,7 +61,8 @@ def make_xorg_conf(modes: PanelModes) -> str:
 
 
 def make_udev_rules(proposal: BenchProposal) -> str:
-    """The rules that are shipped, with the line of the release's adapter where there is one."""
+    """The shipped rules, with the line of the release's adapter filled in, if it has a serial
+    number."""
     text = (UNIT_FOLDER / RULES).read_text(encoding="ascii")
     serial = proposal.port.serial if proposal.port else ""
     if not re.fullmatch(r"[\w.:-]+", serial):
@@ -72,7 +73,7 @@ def make_udev_rules(proposal: BenchProposal) -> str:
 
 
 def _install_lines(proposal: BenchProposal, folder: Path) -> Iterator[str]:
-    """What root has to do, as a script; nothing of it ends a desktop."""
+    """The steps that need root, as a script; none of them ends a desktop."""
     here, units = shlex.quote(str(folder)), shlex.quote(str(UNIT_FOLDER))
     yield "#!/bin/sh"
     yield f"# Installs the bench of {CONFIG} as a service: read it, then say sudo sh {INSTALL}"
@@ -80,7 +81,7 @@ def _install_lines(proposal: BenchProposal, folder: Path) -> Iterator[str]:
     if proposal.modes is not None:
         yield f"apt-get install -y {_DEBIAN}"
     if (SOURCE_ROOT / "pyproject.toml").is_file():
-        # Debian's python3 alone makes none with a pip.
+        # Debian's python3 alone cannot make an environment with pip.
         yield f"python3 -m venv --without-pip {_VENV}"
         pip = f"python3 -m pip --python {_VENV}/bin/python"
         yield f"{pip} install {shlex.quote(f'{SOURCE_ROOT}[bench]')}"
@@ -104,8 +105,8 @@ def _install_lines(proposal: BenchProposal, folder: Path) -> Iterator[str]:
 
 
 def write_beside(path: Path, text: str) -> str:
-    """Write a file, and return what became of it in words. One that is there and differs is kept
-    under another name. Raises NoSpaceError and DiskError."""
+    """Write a file, and return in words what was done. An existing file that differs is kept under
+    another name. Raises NoSpaceError and DiskError."""
     with disk_errors(str(path)):
         path.parent.mkdir(parents=True, exist_ok=True)
         said = "written"

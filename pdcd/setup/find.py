@@ -1,4 +1,4 @@
-"""Looks at a machine for what a bench is made of: nothing is opened that could move, or shown."""
+"""Looks for the devices of a bench on a machine: opens nothing that could move, shows nothing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pdcd.presenter.xconnection import close_x_connection, open_x_connection
 from pdcd.setup.facts import BenchFacts, CameraFact, PortFact
 
 DRM = Path("/sys/class/drm")
-"""Connectors as the kernel has them."""
+"""The kernel's folder of connectors."""
 _CARDS = Path("/dev/dri")
 _PROFILES = {"04a9:3145": "450d"}
 """Sensor profiles by USB vendor and product."""
@@ -29,8 +29,8 @@ _CANON = "04a9:"
 def find_bench_facts(display_name: str | None = None) -> BenchFacts:
     """Everything that can be seen from here.
 
-    display_name : X server to look at; None: $DISPLAY, where there is one. One that shows a desktop
-    tells of its outputs alone, and only where the kernel does not: drivers differ in their names.
+    display_name : X server to examine; None: $DISPLAY, if set. A server with a desktop on it is
+    used only for its outputs, and only if the kernel lists none: drivers name outputs differently.
     """
     notes: list[str] = []
     outputs, server = _ask_server(display_name, notes)
@@ -47,7 +47,7 @@ def find_bench_facts(display_name: str | None = None) -> BenchFacts:
 
 
 def _ask_server(name: str | None, notes: list[str]) -> tuple[tuple[Output, ...], str | None]:
-    """Outputs of an X server, and its name where nothing but a bench is on it."""
+    """Outputs of an X server, and its name if nothing but a bench is on it."""
     if not (name or os.environ.get("DISPLAY")):
         return (), None
     try:
@@ -74,7 +74,7 @@ def _ask_server(name: str | None, notes: list[str]) -> tuple[tuple[Output, ...],
 
 def list_connectors(folder: Path) -> Iterator[Output]:
     """Connectors with something plugged in, by the names that Xorg's driver `modesetting` gives
-    them, with modes out of their EDIDs. folder : `DRM`."""
+    them, with the modes in their EDIDs. folder : `DRM`."""
     for found in sorted(folder.glob("card*-*")):
         name = re.sub(r"^card\d+-", "", found.name).replace("HDMI-A-", "HDMI-")
         with suppress(OSError):
@@ -84,7 +84,7 @@ def list_connectors(folder: Path) -> Iterator[Output]:
 
 
 def _usb_cameras(notes: list[str]) -> Iterator[CameraFact]:
-    """Cameras that speak PTP. Other makers than Canon go by gphoto2."""
+    """Cameras that speak PTP. Those of makers other than Canon use gphoto2."""
     port = import_driver_module("ptp.usb_port")
     try:
         devices = port.find_still_image_devices(None)
@@ -102,7 +102,7 @@ def _usb_cameras(notes: list[str]) -> Iterator[CameraFact]:
 
 
 def _genicam_cameras(notes: list[str]) -> Iterator[CameraFact]:
-    """Machine-vision cameras that answer, where Aravis is."""
+    """Machine-vision cameras that answer, if Aravis is installed."""
     aravis = import_driver_module("genicam.aravis")
     try:
         found = aravis.list_cameras()
@@ -118,7 +118,7 @@ def _genicam_cameras(notes: list[str]) -> Iterator[CameraFact]:
 
 
 def _ports() -> Iterator[PortFact]:
-    """Serial ports, and the serial number of each one's adapter as udev keeps it."""
+    """Serial ports, with the serial numbers that udev keeps of their adapters."""
     for path in import_driver_module("serial_shutter.look").list_serial_ports():
         told = ""
         with suppress(OSError):

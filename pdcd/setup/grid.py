@@ -10,16 +10,16 @@ _Size = tuple[int, int]
 _WISHED_COLUMNS = 64
 _LEAST_CELL_PX = 8
 _SQUARE = 1.01
-"""Sides of a cell of the mask, one over the other, that pass for equal."""
+"""Largest ratio of the sides of a mask cell that counts as square."""
 
 
 def choose_field(projector_px: _Size, mask_px: _Size) -> tuple[tuple[int, int, int, int], _Size]:
     """The field, as left, top, width and height in the projector's picture, and rows and columns of
     cells in it.
 
-    The mask's picture is one of its own shape, so the field has that shape as well, in the middle,
-    as large as it can be in whole cells: squares of whole projector pixels, of whole mask pixels
-    where there are such, and near the usual number of them.
+    The field has the shape of the mask, lies in the middle, and is as large as whole cells allow.
+    Cells are squares of whole projector pixels, if possible also of whole mask pixels, and close to
+    the usual number.
     """
     (width, height), (mask_width, mask_height) = projector_px, mask_px
     high = min(height, width * mask_height / mask_width)

@@ -1,4 +1,4 @@
-"""From what was found and chosen to the tables of a configuration: no device, no clock, no file."""
+"""From facts and choices to the tables of a configuration, without device, clock or file."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ SERVER = ":7"
 """The X server of pdcd-x.service."""
 _ROLES = "projector", "mask"
 _INSIDE = ("eDP", "LVDS", "DSI")
-"""What the names of panels in a laptop begin with."""
+"""First letters of the names of a laptop's own panels."""
 _BEAMS = ("projector", "beamer", " pj", "epson", "optoma")
-"""Words in the names of projectors."""
+"""Words that names of projectors contain."""
 _VIRTUAL_QUADS = [480, 320]
-"""Frame of the virtual camera: its two million quads take seconds a photo."""
+"""Frame of the virtual camera; its full two million quads would take seconds a photo."""
 _LAG_S, _JITTER_S = 0.1, 0.02
-"""Of a body's mirror and blades."""
+"""Typical lag and jitter of a camera body's mirror and blades."""
 _BODY = (
     "on the camera: dial on M, lens on MF; long-exposure noise reduction and the rotation of "
     "pictures off"
@@ -39,8 +39,8 @@ _BODY = (
 
 @dataclass(frozen=True)
 class PanelModes:
-    """Two outputs that get a server of their own, the modes of both, and the names of others that
-    are connected."""
+    """Two outputs that get a server of their own, the modes of both, and the names of the other
+    connected outputs."""
 
     outputs: tuple[Output, Output]
     timings: tuple[VideoTiming, VideoTiming]
@@ -49,12 +49,12 @@ class PanelModes:
 
 @dataclass
 class BenchProposal:
-    """What is to be written, and said.
+    """What to write, and what to tell the user.
 
     tables, notes : of the configuration, as `format_toml` takes them. modes : None where no server
-    is to be set up, or no modes keep step. port : the serial port of the release, if it hangs on
-    one. why : what was chosen for which reason. plug : what to plug where. left : what only a
-    person can do, or nobody can prove from here.
+    is to be set up, or no two modes have the same rate. port : the serial port of the release, if
+    it is on one. why : what was chosen, and why. plug : what to plug in where. left : what only the
+    user can do or check.
     """
 
     tables: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -71,11 +71,11 @@ class BenchProposal:
 
 
 def suggest_choices(facts: BenchFacts, typed: dict[str, str | None]) -> BenchChoices:
-    """What is taken where nobody says more: of two panels the one that calls itself a projector,
-    else the first; the first camera, which opens its own shutter.
+    """The default choices: as projector the panel that calls itself one, else the first panel; the
+    first camera, which opens its own shutter.
 
-    typed : answers by the name of the choice, None where there is none. Raises ConfigError for what
-    was not found.
+    typed : the user's answers by the name of the choice, None for no answer. Raises ConfigError for
+    an answer that was not found.
     """
     outputs = sorted(facts.outputs, key=lambda o: (o.name.startswith(_INSIDE), not _is_beam(o)))
     names, keys = [o.name for o in outputs], [c.key for c in facts.cameras]
@@ -109,7 +109,7 @@ def _is_beam(output: Output) -> bool:
 
 
 def describe_panel(output: Output) -> str:
-    """An output in words; one that no server shows by the best of its modes."""
+    """An output in words; if no server shows it, with the best of its modes."""
     if output.on or not output.timings:
         return str(output)
     width, height = output.timings[0].size
@@ -117,8 +117,8 @@ def describe_panel(output: Output) -> str:
 
 
 def suggest_bench(facts: BenchFacts, chosen: BenchChoices) -> BenchProposal:
-    """The bench of these choices. Where there are no two panels or no camera yet, mock ones stand
-    in their place, and `left` says so."""
+    """The bench of these choices. Missing panels and a missing camera are replaced by mock ones,
+    and `left` says so."""
     made = BenchProposal()
     if chosen.projector:
         by_name = {output.name: output for output in facts.outputs}
@@ -134,7 +134,7 @@ def suggest_bench(facts: BenchFacts, chosen: BenchChoices) -> BenchProposal:
 
 
 def _add_panels(made: BenchProposal, facts: BenchFacts, pair: tuple[Output, Output]) -> None:
-    """[projector], [mask], [display] and the cells."""
+    """Add [projector], [mask], [display] and the cells."""
     made.put("rig", name="bench", clock="real")
     options: dict[str, Any] = {}
     serials = [s for output in facts.outputs if output.edid for s in output.edid.serials]
@@ -181,7 +181,7 @@ def _unmatched(pair: tuple[Output, Output]) -> str:
 
 
 def _add_cells(made: BenchProposal, projector: tuple[int, int], mask: tuple[int, int]) -> None:
-    """Cells that are square on the scene, and what of the projector's picture they fill."""
+    """Add cells that are square on the scene, and the part of the projector's picture they fill."""
     (width, height), (left, top, wide, tall), (rows, cols) = (
         projector,
         *choose_field(projector, mask),
@@ -205,7 +205,7 @@ def _add_cells(made: BenchProposal, projector: tuple[int, int], mask: tuple[int,
 
 
 def _add_camera(made: BenchProposal, facts: BenchFacts, chosen: BenchChoices) -> None:
-    """[camera]."""
+    """Add [camera]."""
     if chosen.camera == MOCK:
         made.left.append(
             "plug in a camera, switch it on and say pdcd init again: none was "
@@ -236,7 +236,7 @@ def _name_camera(camera: CameraFact) -> dict[str, str]:
 
 
 def _add_release(made: BenchProposal, facts: BenchFacts, chosen: BenchChoices) -> None:
-    """[trigger]."""
+    """Add [trigger]."""
     if chosen.release == OWN_RELEASE:
         driver = made.tables.get("camera", {}).get("driver")
         if driver is not None:
