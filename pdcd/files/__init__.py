@@ -1,3 +1,3 @@
-"""Files: those of others opened with rights and read with limits, ours written whole or not at
-all.
+"""Files: files of others are opened with checked rights and read with limits, our own are written
+whole or not at all.
 """

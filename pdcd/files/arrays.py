@@ -1,10 +1,10 @@
-"""Arrays from the bytes of a file that nobody vouches for: .npy, .npz, or grey values of PNG. The
-bytes tell which, not a name.
+"""Arrays from the bytes of an untrusted file: .npy, .npz, or grey values of PNG. The bytes decide
+which, not a name.
 
-Shape and type are looked at before memory is taken for the numbers. Pickles are never read: no
-type that needs one passes. Of a zip archive only what `numpy.savez` writes is understood, so that
-its directory is small and no member grows further than its own header says. A PNG is taken apart
-first (its size, its checksums, the length of its pixels) and decoded only if it is sound.
+Shape and type are checked before memory is taken for the numbers. Pickles are never read: no type
+that needs one passes. Zip archives must be as `numpy.savez` writes them: with a small directory,
+and no member longer than its own header says. A PNG is checked first (its size, its checksums, the
+length of its pixels) and decoded only if it is sound.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ _NPY_MAGIC = b"\x93NUMPY"
 ZIP_MAGIC = b"PK\x03\x04"
 
 _MAX_HEADER = 2048
-"""Characters of an .npy header; numpy takes 10000 and writes 118 for arrays of numbers."""
+"""Most characters of an .npy header; numpy accepts 10000 and writes 118 for arrays of numbers."""
 _MAX_MEMBERS = 64
-"""Members of an .npz file."""
+"""Most members of an .npz file."""
 MAX_DIRECTORY_BYTES = 2**16
-"""Size of an .npz file's directory."""
+"""Largest directory of an .npz file."""
 
 _WORD = re.compile(r"""'[^']{0,20}'|"[^"]{0,20}"|\w+|\S""")
-"""What a header is made of. No two of these begin alike, so that nothing is ever tried again."""
+"""The words of a header. No two alternatives begin alike, so that matching never backtracks."""
 _ITEM = re.compile(
     r"""["'](descr|fortran_order|shape)["'] : """
     r"""(["'][^"']{1,20}["']|True|False|\( (?:\d{1,30} , ){0,32}(?:\d{1,30} )?\))"""
 )
 _HEADER = re.compile(rf"\{{ {_ITEM.pattern}(?: , {_ITEM.pattern}){{2}}(?: ,)? \}}")
-"""A header as its words with one space between any two."""
+"""A header: its words with a space between each two."""
 
 _END, _END_64 = b"PK\x05\x06", b"PK\x06\x07"
 _END_BYTES = 22
@@ -98,8 +98,8 @@ def _archive(data: bytes) -> zipfile.ZipFile:
 
 
 def check_archive_end(tail: bytes) -> None:
-    """Look at the last `ARCHIVE_END_BYTES` of a zip archive before anybody reads its directory,
-    which may say that it has any size. Raises Unsound."""
+    """Check the last `ARCHIVE_END_BYTES` of a zip archive before its directory is read, which may
+    claim any size. Raises Unsound."""
     end = tail[-_END_BYTES:]
     if len(end) < _END_BYTES or end[:4] != _END or end[-2:] != b"\0\0":
         raise UnsoundFileError(
@@ -139,15 +139,15 @@ def _array(stream: IO[bytes], limits: ArrayLimits) -> _Floats:
     dtype, fortran, shape = _header(stream)
     size = limits.check(shape) * dtype.itemsize
     flat = np.frombuffer(_exactly(stream, size, limits), dtype=dtype)
-    with np.errstate(over="ignore"):  # what float64 cannot hold becomes infinite, and is refused
+    with np.errstate(over="ignore"):  # values beyond float64 become infinite, and are refused
         array = flat.reshape(shape, order="F" if fortran else "C").astype(np.float64, order="C")
     check_finite(array)
     return array
 
 
 def _header(stream: IO[bytes]) -> tuple[np.dtype[Any], bool, tuple[int, ...]]:
-    """Type, order and shape. The header is matched, not evaluated as numpy does it, and in a time
-    that grows as its length does: a regular expression lets nothing else run meanwhile."""
+    """Type, order and shape. The header is matched, not evaluated as numpy does it, in time linear
+    in its length: no other thread can run while a regular expression matches."""
     start = stream.read(8)
     version = (start[6], start[7]) if len(start) == 8 and start.startswith(_NPY_MAGIC) else None
     if version not in ((1, 0), (2, 0)):
@@ -169,7 +169,7 @@ def _header(stream: IO[bytes]) -> tuple[np.dtype[Any], bool, tuple[int, ...]]:
 
 
 def check_finite(array: _Floats) -> None:
-    """Raise Unsound for infinite values and for what is no number: no goal knows what they mean."""
+    """Raise Unsound for infinite values and NaN, which mean nothing to any goal."""
     finite = np.isfinite(array)
     if not finite.all():
         first = ", ".join(map(str, np.argwhere(~finite)[0]))
@@ -181,7 +181,7 @@ def check_finite(array: _Floats) -> None:
 
 
 def _exactly(stream: IO[bytes], size: int, limits: ArrayLimits) -> bytearray:
-    """So many bytes and no more, without room for them before they have come."""
+    """Exactly `size` bytes; memory is taken only as they come."""
     data = bytearray()
     for piece in _pieces(stream, size):
         limits.alive()
@@ -208,7 +208,7 @@ def _damaged(err: BaseException) -> UnsoundFileError:
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 MAX_PIXELS = 2**24
-"""Pixels of a picture, whatever the limit of elements is."""
+"""Most pixels of a picture, whatever the limit of elements."""
 
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """Samples of a pixel by colour type."""
@@ -218,7 +218,7 @@ _KEPT = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
 def _read_png(data: bytes, limits: ArrayLimits) -> _Floats:
     """A picture as grey values, (rows, columns) float64, full scale 1. Raises Unsound.
 
-    Colours become grey, as OpenCV weighs them; transparency is ignored.
+    Colours become grey with OpenCV's weights; transparency is ignored.
     """
     chunks = [(kind, body) for kind, body in _chunks(data) if kind in _KEPT]
     if not chunks or chunks[0][0] != b"IHDR" or len(chunks[0][1]) != 13:
@@ -242,7 +242,7 @@ def _read_png(data: bytes, limits: ArrayLimits) -> _Floats:
 
 
 def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Kind and body of each chunk up to the end of the picture, checksums proven."""
+    """Kind and body of each chunk up to the end of the picture, with checksums verified."""
     at = len(PNG_MAGIC)
     while True:
         head = data[at : at + 8]
@@ -261,10 +261,10 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _check_pixels(packed: bytes, size: int) -> None:
-    """Refuse a picture with fewer or more pixels than its header tells."""
+    """Refuse a picture with fewer or more pixels than its header says."""
     unpack = zlib.decompressobj()
     try:
-        # One byte more than there may be, so that nothing is unpacked for the sake of its size.
+        # At most one byte too many is unpacked, however long the pixels are.
         found = len(unpack.decompress(packed, size + 1))
     except zlib.error as err:
         raise UnsoundFileError(f"it is damaged: {err}") from err
@@ -278,7 +278,7 @@ def _packed(kind: bytes, body: bytes) -> bytes:
 
 
 def _decoded(data: bytes) -> NDArray[np.generic] | None:
-    import cv2  # most readers here see no pictures
+    import cv2  # most callers read no pictures
 
     try:
         return cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_ANYDEPTH)
@@ -289,8 +289,8 @@ def _decoded(data: bytes) -> NDArray[np.generic] | None:
 def read_array(data: bytes, name: str, limits: ArrayLimits) -> _Floats:
     """A two-dimensional array of finite numbers, (rows, columns) float64.
 
-    Taken are .npy, .npz with one array or one of that `name`, and PNG: grey, full scale 1. Raises
-    Unsound.
+    Accepts .npy, .npz with a single array or one of that `name`, and PNG: grey, full scale 1.
+    Raises Unsound.
     """
     if data.startswith(PNG_MAGIC):
         return _read_png(data, limits)

@@ -1,7 +1,7 @@
-"""Folders by their paths, for systems that hold none by descriptors: Windows, macOS.
+"""Folders by their paths, for systems that cannot hold folders by descriptors: Windows, macOS.
 
-`SYSTEM` has the calls of `os` that readers of runs use, under the same names and with the same
-arguments; `LOCKS` has that of `fcntl`. `pdcd.files.system` says when they are used.
+`SYSTEM` has the calls of `os` that readers of runs use, with the same names and arguments; `LOCKS`
+has the call of `fcntl`. `pdcd.files.system` says when they are used.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from typing import Any
 
 _OWN_FLAGS = ("O_PATH", "O_DIRECTORY", "O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_NOCTTY")
 _FIRST_OWN = 1 << 40
-"""Above every flag of a system; those here are never handed on as they are."""
+"""First of our own flags, above all flags of a system; our own are never passed on."""
 
 
 class HeldPath(int):
-    """What stands in the place of a descriptor: a number that is none, with the path it is for."""
+    """Used in place of a descriptor: a number that is not a descriptor, with the path it is for."""
 
     path: Path
 
     def __new__(cls, path: Path) -> HeldPath:
-        """Hold a path through which no link leads any more."""
+        """Hold a path that has no links in it any more."""
         held = super().__new__(cls, -1)
         held.path = path
         return held
@@ -39,13 +39,13 @@ class PathCalls:
     )
 
     def __getattr__(self, name: str) -> Any:
-        """All else is that of the system itself."""
+        """Everything else is the system's own."""
         return getattr(os, name)
 
     def open(
         self, name: Path | str, flags: int, mode: int = 0o777, *, dir_fd: int | None = None
     ) -> int:
-        """A `HeldPath` for a folder, or with O_PATH for anything; else a descriptor."""
+        """A `HeldPath` for a folder, or for anything with O_PATH; else a descriptor."""
         path = _joined(name, dir_fd)
         if not flags & os.O_CREAT:
             found = path.lstat() if flags & self.O_NOFOLLOW else path.stat()
@@ -64,12 +64,12 @@ class PathCalls:
         return os.open(path, known | getattr(os, "O_BINARY", 0), mode)
 
     def close(self, descriptor: int) -> None:
-        """Close it; a held path needs no closing."""
+        """Close a descriptor; a held path needs no closing."""
         if not isinstance(descriptor, HeldPath):
             os.close(descriptor)
 
     def fstat(self, descriptor: int) -> os.stat_result:
-        """Its status; that of a link for a link."""
+        """The status of a descriptor; links are not followed."""
         if isinstance(descriptor, HeldPath):
             return descriptor.path.lstat()
         return os.fstat(descriptor)
@@ -82,7 +82,7 @@ class PathCalls:
 
     @contextmanager
     def scandir(self, folder: int | Path | str) -> Iterator[Iterator[os.DirEntry[str]]]:
-        """What lies in a folder."""
+        """The entries of a folder."""
         at = folder.path if isinstance(folder, HeldPath) else folder
         with os.scandir(at) as listed:
             yield listed
@@ -96,20 +96,20 @@ class PathCalls:
         _joined(name, dir_fd).unlink()
 
     def link(self, name: str, other: str, *, src_dir_fd: int, dst_dir_fd: int) -> None:
-        """Give a file another name, unless that is taken."""
+        """Give a file a second name, unless that is taken."""
         _joined(other, dst_dir_fd).hardlink_to(_joined(name, src_dir_fd))
 
     def rename(self, name: str, other: str, *, src_dir_fd: int, dst_dir_fd: int) -> None:
-        """Give a file another name, also one that is taken."""
+        """Give a file another name, even one that is taken."""
         _joined(name, src_dir_fd).replace(_joined(other, dst_dir_fd))
 
     def fsync(self, descriptor: int) -> None:
-        """Write a file through to the disk; the folder's list of names goes when it goes."""
+        """Write a file through to the disk; for a folder nothing is done."""
         if not isinstance(descriptor, HeldPath):
             os.fsync(descriptor)
 
     def pread(self, descriptor: int, size: int, offset: int) -> bytes:
-        """Some bytes of a file, whose offset stays where it was."""
+        """Some bytes of a file, without moving its offset."""
         before = os.lseek(descriptor, 0, os.SEEK_CUR)
         try:
             os.lseek(descriptor, offset, os.SEEK_SET)
@@ -118,14 +118,14 @@ class PathCalls:
             os.lseek(descriptor, before, os.SEEK_SET)
 
     def geteuid(self) -> int:
-        """Number of the user, that of root where users have none: as in the status of files."""
+        """Number of the user; 0, as in the status of files, where users have no numbers."""
         return os.geteuid() if hasattr(os, "geteuid") else 0
 
     getuid = geteuid
 
 
 class NoLocks:
-    """Locks of a system that has none on folders: as on a disk without them, nobody can tell
+    """Locks of a system that cannot lock folders: as on a disk without locks, it is not known
     whether a run is still being filled."""
 
     LOCK_SH, LOCK_EX, LOCK_NB, LOCK_UN = 1, 2, 4, 8

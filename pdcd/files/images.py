@@ -1,9 +1,9 @@
 """Image files of a run folder: TIFF of float32, laid out byte by byte as libtiff does, and PNG; and
 JPEGs of a finder.
 
-Float values are linear and come back exactly, negative ones and NaN as well. Files are compared by
-their hashes when a run is decoded again, so that a run's pictures must not depend on who wrote
-them. Files for other programs are made by `pdcd.pictures.written.export`.
+Float values are linear and are read back exactly, including negative ones and NaN. When a run is
+decoded again, its files are compared by their hashes, so they must not depend on the library that
+wrote them. `pdcd.pictures.written.export` makes files for other programs.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _STRIP_BYTES = 8192
-"""A strip has as many rows as fit into that, at least one."""
+"""A strip has as many rows as fit into this many bytes, at least one."""
 _SHORT, _LONG = 3, 4
 _SIZES = {_SHORT: 2, _LONG: 4}
 _GREY, _RGB, _FLOAT = 1, 2, 3
@@ -23,12 +23,12 @@ _UNCOMPRESSED, _INTERLEAVED = 1, 1
 _HEADER_BYTES = 8
 _JPEG_QUALITY = 85
 _MOST_JPEG_PX = 4096
-"""Longest side of a JPEG that is decoded: those of finders are far smaller, and their headers may
-say anything."""
+"""Longest side of a JPEG that is decoded; JPEGs of finders are far smaller, but headers may claim
+anything."""
 
 
 def make_tiff_ends(image: NDArray[np.float32]) -> tuple[bytes, bytes]:
-    """What a file has before and after the numbers of an (h, w, 3) or (h, w, 1) float32 picture."""
+    """The bytes of a file before and after the numbers of a picture, (h, w, 1 or 3) float32."""
     height, width, channels = image.shape
     row_bytes = width * channels * 4
     rows = min(max(_STRIP_BYTES // row_bytes, 1), height)
@@ -54,7 +54,7 @@ def make_tiff_ends(image: NDArray[np.float32]) -> tuple[bytes, bytes]:
 
 
 def _directory(entries: list[tuple[int, int, list[int]]], start: int) -> bytes:
-    """The directory at `start`, and behind it what does not fit into its entries."""
+    """The directory at `start`, followed by the values that do not fit into its entries."""
     behind = start + 2 + 12 * len(entries) + 4
     fields, values = {}, b""
     # libtiff writes the sizes of strips before their offsets.
@@ -71,20 +71,20 @@ def _directory(entries: list[tuple[int, int, list[int]]], start: int) -> bytes:
 
 
 def encode_png(picture: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
-    """An (H, W, 3) RGB or (H, W, 1) grey picture as the content of a PNG file of as many bits."""
+    """An (H, W, 3) RGB or (H, W, 1) grey picture as a PNG file of the same number of bits."""
     _, data = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
     return data.tobytes()
 
 
 def encode_jpeg(picture: NDArray[np.uint8]) -> bytes:
-    """An (H, W) grey or (H, W, 3) RGB picture as a JPEG, to be looked at."""
+    """An (H, W) grey or (H, W, 3) RGB picture as a JPEG, for display."""
     shown = picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1])
     return cv2.imencode(".jpg", shown, (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY))[1].tobytes()
 
 
 def decode_jpeg(data: bytes) -> NDArray[np.uint8] | None:
-    """The (H, W, 3) RGB picture of a JPEG that a device sent; None where it is none, or larger than
-    any finder's. For drivers."""
+    """The (H, W, 3) RGB picture in a JPEG that a device sent; None if it is not a JPEG, or larger
+    than any finder's. For drivers."""
     if not data.startswith(b"\xff\xd8") or not 0 < _read_jpeg_side(data) <= _MOST_JPEG_PX:
         return None
     try:
@@ -95,7 +95,7 @@ def decode_jpeg(data: bytes) -> NDArray[np.uint8] | None:
 
 
 def _read_jpeg_side(data: bytes) -> int:
-    """The longer side that a JPEG's frame header tells; 0 where there is none (ITU T.81, B.1)."""
+    """The longer side in a JPEG's frame header; 0 where there is no header (ITU T.81, B.1)."""
     at = 2
     while at + 9 <= len(data) and data[at] == 0xFF:
         kind = data[at + 1]

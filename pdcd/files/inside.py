@@ -1,8 +1,8 @@
-"""Files of a folder that may be damaged or forged: listed, opened and read without being led away.
+"""Files of a folder that may be damaged or forged: listed, opened and read without leaving it.
 
 Everything is reached through the descriptor of the folder, one part of the name after the other,
-and no symbolic link is followed. Only regular files are ever opened: a pipe or a device is seen for
-what it is without being touched.
+and no symbolic link is followed. Only regular files are ever opened: a pipe or a device is
+recognised without being opened.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from pdcd.files.reading import Alive, read_descriptor
 from pdcd.files.system import path_of, system
 
 MAX_NAME_PARTS = 16
-"""Deepest file of a folder: parts of its name."""
+"""Most parts of a file's name, which bounds how deep it lies."""
 MAX_ENTRIES = 1_000_000
 """Most files and folders that are listed."""
 WAY = system.O_PATH | system.O_DIRECTORY | system.O_NOFOLLOW | system.O_CLOEXEC
-"""Flags to open a folder on the way to something, which takes no more than the right to pass."""
+"""Flags to open a folder on the way to something, for which the right to pass is enough."""
 _FOLDER = system.O_RDONLY | system.O_DIRECTORY | system.O_NOFOLLOW | system.O_CLOEXEC
 _SIGN_ENTRIES = 256
-"""Names looked at between two signs of life."""
+"""Names that are read between two signs of life."""
 
 
 def find_name_fault(name: str) -> str | None:
@@ -62,7 +62,7 @@ def open_folder(folder: Path) -> Iterator[int]:
 
 
 class FolderEntry(NamedTuple):
-    """What lies in a folder: its name there, and its status, that of a link for a link."""
+    """An entry of a folder: its name there, and its status; links are not followed."""
 
     name: str
     status: os.stat_result
@@ -74,9 +74,9 @@ class FolderEntry(NamedTuple):
 
 
 def list_folder(folder: int) -> dict[str, str]:
-    """All that lies in a folder and below: relative name -> "file", "folder", "FIFO" ...
+    """Everything in a folder and below: relative name -> "file", "folder", "FIFO" ...
 
-    Raises DecodeError when that is too much, and OSError.
+    Raises DecodeError when there is too much, and OSError.
     """
     found: dict[str, str] = {}
     for prefix, _, entries in walk_folder(folder, MAX_NAME_PARTS):
@@ -93,13 +93,13 @@ def walk_folder(
     *,
     pass_closed: bool = False,
 ) -> Iterator[tuple[str, int, list[FolderEntry]]]:
-    """An open folder and all folders below it, `depth` of them: the beginning of the names in it,
-    its descriptor until the next one comes, and what it holds.
+    """An open folder and all folders below it, down to `depth` levels. For each: the prefix of the
+    names in it, its descriptor, which is valid until the next one, and its entries.
 
-    No link is followed, and however deep folders lie in each other, few are open at a time. A
-    folder that is taken out of the list is not entered; with `pass_closed` none is that cannot be.
-    `alive` is called now and then, and may raise to end the work. Raises OSError, and DiskError
-    where a folder was moved meanwhile.
+    No link is followed, and only a few folders are open at a time, however deep they lie. A folder
+    that the caller removes from the entries is not entered; with `pass_closed`, folders that cannot
+    be entered are passed over. `alive` is called now and then; it may raise to end the work. Raises
+    OSError, and DiskError if a folder was moved meanwhile.
     """
     at, above, prefix = system.open(".", _FOLDER, dir_fd=folder), list[os.stat_result](), ""
     ahead: list[list[str]] = []
@@ -133,7 +133,8 @@ def _leave(left: int, entered: int) -> int:
 
 
 def _find_above(at: int, wanted: os.stat_result) -> int:
-    """Descriptor of the folder above an open one. Raises DiskError where that is another one."""
+    """Descriptor of the folder above an open one. Raises DiskError unless it is the `wanted` one.
+    """
     up = system.open("..", _FOLDER, dir_fd=at)
     if os.path.samestat(system.fstat(up), wanted):
         return up
@@ -169,15 +170,15 @@ def _entries(folder: int, alive: Alive) -> list[FolderEntry]:
                 raise DecodeError(f"it holds more than {MAX_ENTRIES} files")
             try:
                 found.append(FolderEntry(entry.name, entry.stat(follow_symlinks=False)))
-            except FileNotFoundError:  # it went just now
+            except FileNotFoundError:  # it has just been removed
                 continue
     return found
 
 
 def remove_folder(parent: int, name: str) -> None:
-    """Remove a folder with all that is in it, however deep, through no link.
+    """Remove a folder with everything in it, however deep, without following links.
 
-    Raises OSError, and DiskError where one of its folders was moved meanwhile.
+    Raises OSError, and DiskError if one of its folders was moved meanwhile.
     """
     at, above, names = system.open(name, _FOLDER, dir_fd=parent), list[os.stat_result](), [name]
     try:
@@ -200,7 +201,7 @@ def remove_folder(parent: int, name: str) -> None:
 
 
 def _remove_files(folder: int) -> list[str]:
-    """Remove all that lies in a folder but its folders, whose names are returned."""
+    """Remove everything in a folder except folders; returns the names of these."""
     entries = _entries(folder, lambda: None)
     for entry in entries:
         if entry.kind != "folder":
@@ -210,8 +211,8 @@ def _remove_files(folder: int) -> list[str]:
 
 @contextmanager
 def open_inner_folder(folder: int, name: str) -> Iterator[int]:
-    """Descriptor of a folder below another, "" for that itself, to go on from: through no link.
-    Raises OSError."""
+    """Descriptor of a folder below another ("" is that folder itself), to open things in it. No
+    link is followed. Raises OSError."""
     with ExitStack() as held:
         at = folder
         for part in name.split("/") if name else ():
@@ -222,9 +223,9 @@ def open_inner_folder(folder: int, name: str) -> Iterator[int]:
 
 @contextmanager
 def open_inner_file(folder: int, name: str) -> Iterator[int]:
-    """Descriptor of a regular file of a folder, to be read, while the context lasts.
+    """Descriptor of a regular file in a folder, for reading, while the context lasts.
 
-    Raises DecodeError when it is no regular file or a link leads to it, and OSError.
+    Raises DecodeError when it is not a regular file or is reached through a link, and OSError.
     """
     above, _, last = name.rpartition("/")
     with ExitStack() as held:
@@ -234,7 +235,7 @@ def open_inner_file(folder: int, name: str) -> Iterator[int]:
         mode = system.fstat(found).st_mode
         if not stat.S_ISREG(mode):
             raise DecodeError(f"it is a {kind_of(mode)}, no file")
-        # What is opened is what was looked at: a name may have come to mean something else.
+        # Open the very file that was checked: its name may mean something else by now.
         flags = system.O_RDONLY | system.O_NONBLOCK | system.O_CLOEXEC
         descriptor = system.open(path_of(found), flags)
         held.callback(system.close, descriptor)
@@ -242,9 +243,9 @@ def open_inner_file(folder: int, name: str) -> Iterator[int]:
 
 
 def read_inner_file(folder: int, name: str, most_bytes: int) -> bytes:
-    """Contents of a regular file of a folder.
+    """Contents of a regular file in a folder.
 
-    Raises DecodeError when it is none or longer than that, and OSError.
+    Raises DecodeError when it is not one or is longer than `most_bytes`, and OSError.
     """
     with open_inner_file(folder, name) as descriptor:
         try:

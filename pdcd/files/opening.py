@@ -1,12 +1,11 @@
-"""Opening and reading regular files that somebody else named; nothing else is ever waited for.
+"""Opens regular files that somebody else named, and never waits for anything else.
 
 A FIFO would block its reader for good, a device may have effects when it is merely opened, and
-reading one may never end. So a file is looked at before it is opened, opened without waiting, and
-looked at again.
+reading one may never end. So a file is checked before it is opened, opened without waiting, and
+checked again.
 
-What a reader may take, and the one error that it raises.
-
-Arrays on their way to the daemon: each as an open file of the sender, whatever it was.
+Here are also the limits of readers, the one error that they raise, and `open_parcels`, which turns
+arrays for the daemon into open files.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _READ = system.O_RDONLY | system.O_NONBLOCK | system.O_CLOEXEC | system.O_NOCTTY
 _LOOK = system.O_PATH | system.O_NOFOLLOW | system.O_CLOEXEC
 
 READ_CHUNK_BYTES = 2**20
-"""Read at a time."""
+"""Bytes that are read at a time."""
 
 _KINDS = {
     stat.S_IFREG: "file",
@@ -43,13 +42,13 @@ _KINDS = {
 
 
 def kind_of(mode: int) -> str:
-    """What a thing with this `st_mode` is called: "file", "folder", "FIFO" ..."""
+    """The name for a thing with this `st_mode`: "file", "folder", "FIFO" ..."""
     return _KINDS.get(stat.S_IFMT(mode), "thing")
 
 
 @dataclass(frozen=True)
 class Asker:
-    """On whose behalf a file is opened: a user and all groups of it."""
+    """The user for whom a file is opened, with all of the user's groups."""
 
     uid: int
     gids: frozenset[int]
@@ -57,7 +56,7 @@ class Asker:
     def may(self, found: os.stat_result, right: int) -> bool:
         """Whether the mode bits give this user a right: 4 to read, 1 to pass through a folder.
 
-        Access control lists are not looked at.
+        Access control lists are ignored.
         """
         if self.uid == 0:
             return True
@@ -80,7 +79,7 @@ def open_own(path: Path | str) -> int:
 
 
 def open_pipe(path: Path | str) -> int:
-    """A descriptor of a FIFO, without waiting for who writes to it.
+    """A descriptor of a FIFO, opened without waiting for a writer.
 
     The caller closes it. Raises Unsound.
     """
@@ -97,8 +96,8 @@ def open_pipe(path: Path | str) -> int:
 def open_beneath(folder: Path, name: str, asker: Asker) -> int:
     """A descriptor of a regular file below a folder, if the asker could read it as well.
 
-    Every folder on the way, from / on, must let the asker pass. Below `folder` no symbolic link is
-    followed. The caller closes the descriptor. Raises Unsound.
+    Every folder on the way, starting at /, must let the asker pass. Below `folder` no symbolic link
+    is followed. The caller closes the descriptor. Raises Unsound.
     """
     parts = name.split("/")
     if "\0" in name or not all(parts) or {".", ".."} & {*parts}:
@@ -128,7 +127,7 @@ def open_beneath(folder: Path, name: str, asker: Asker) -> int:
 
 
 def _reopened(looked_at: int) -> int:
-    """A descriptor to read from, of the very file that was looked at."""
+    """A descriptor for reading the very file that was checked."""
     return system.open(path_of(looked_at), _READ)
 
 
@@ -140,7 +139,7 @@ def _check_passage(found: os.stat_result, asker: Asker) -> None:
 
 
 def check_regular(found: os.stat_result) -> None:
-    """Raise Unsound for what is no regular file."""
+    """Raise Unsound for anything but a regular file."""
     if not stat.S_ISREG(found.st_mode):
         kind = kind_of(found.st_mode)
         raise UnsoundFileError(
@@ -149,7 +148,8 @@ def check_regular(found: os.stat_result) -> None:
 
 
 def _sure(descriptor: int) -> int:
-    """The descriptor, if it still is of a regular file: names can change between two looks."""
+    """The descriptor, if it is still that of a regular file: names can change between two checks.
+    """
     try:
         check_regular(system.fstat(descriptor))
     except BaseException:
@@ -159,7 +159,7 @@ def _sure(descriptor: int) -> int:
 
 
 def make_file_error(err: Exception) -> UnsoundFileError:
-    """The error of a file that the system does not let be opened or read."""
+    """The error for a file that the system refuses to open or read."""
     why = err.strerror if isinstance(err, OSError) and err.strerror else str(err)
     return UnsoundFileError(f"{_CLOSED}{why}", "see whether it is there and may be read")
 
@@ -168,7 +168,7 @@ _CLOSED = "it cannot be opened: "
 
 
 class UnsoundFileError(Exception):
-    """A file cannot be taken. `message` goes on from the file's name; `hint` says what to do.
+    """A file cannot be used. `message` continues after the file's name; `hint` says what to do.
 
     Callers know whose file it is, and turn this into the error of a request or of the
     configuration.
@@ -181,16 +181,16 @@ class UnsoundFileError(Exception):
 
     @property
     def why(self) -> str:
-        """The message behind words that say already that it cannot be read."""
+        """The message, for use after words that already say that it cannot be read."""
         return self.message.removeprefix(_CLOSED)
 
 
 @dataclass(frozen=True)
 class ArrayLimits:
-    """How much one array may be.
+    """How large one array may be.
 
     elements : the most numbers in it.
-    alive : called at least once for each MiB read, and may raise to end the work.
+    alive : called at least once for each MiB read; it may raise to end the work.
     """
 
     elements: int
@@ -198,11 +198,11 @@ class ArrayLimits:
 
     @property
     def file_bytes(self) -> int:
-        """The most bytes of its file: numbers of 8 bytes, and 1 MiB for all that is around."""
+        """The most bytes of its file: numbers of 8 bytes, and 1 MiB for everything else."""
         return 8 * self.elements + 2**20
 
     def check(self, shape: tuple[int, ...]) -> int:
-        """The numbers in an array of that shape. Raises Unsound when they are none or too many."""
+        """The count of numbers in an array of that shape. Raises Unsound for none or too many."""
         count = 1
         for side in shape:
             count *= side
@@ -217,7 +217,7 @@ class ArrayLimits:
 
 
 def _said(shape: tuple[int, ...]) -> str:
-    """A shape for people, however long its numbers are."""
+    """A shape in words, which stays short however long its numbers are."""
     text = " x ".join(str(side) if side < 10**12 else "more than 10^12" for side in shape[:8])
     return text + (" ..." if len(shape) > 8 else "")
 
@@ -228,7 +228,7 @@ Sendable = Path | str | bytes | NDArray[Any]
 
 @dataclass(frozen=True)
 class _Parcel:
-    """One array as an open descriptor, and the name of its file where it has one."""
+    """One array as an open descriptor, and the name of its file if it has one."""
 
     descriptor: int
     file: str | None
@@ -236,9 +236,9 @@ class _Parcel:
 
 @contextmanager
 def open_parcels(arrays: Mapping[str, Sendable]) -> Iterator[dict[str, _Parcel]]:
-    """Open files and put arrays into memory files, by field; all are closed in the end.
+    """Open files and put arrays into memory files, by field; all are closed at the end.
 
-    Raises RequestError for a file that cannot be opened, and for what is no array of numbers.
+    Raises RequestError for a file that cannot be opened, and for arrays that are not numbers.
     """
     with ExitStack() as stack:
         opened = {}

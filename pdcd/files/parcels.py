@@ -1,6 +1,6 @@
-"""Arrays in anonymous memory, for another process to look at by a descriptor.
+"""Arrays in anonymous memory, which another process reads through a descriptor.
 
-What was packed cannot be changed by either side any more: who looks needs no copy to be sure of it.
+Once packed, neither side can change them any more, so a reader can trust them without a copy.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ _SEALS = 0x1 | 0x2 | 0x4 | 0x8
 _ADD_SEALS = 1033
 """F_ADD_SEALS of linux/fcntl.h, which Python knows from 3.8 on and not on every system."""
 _ALIGNED = 64
-"""Bytes at whose multiples arrays begin."""
+"""Arrays begin at multiples of this many bytes."""
 _TYPES = ("<f4", "<f8")
-"""What arrays are made of."""
+"""Types of numbers that arrays may have."""
 _MOST_BYTES = 2**31
-"""Most that is looked at."""
+"""Most bytes of memory that is read."""
 
 Place = tuple[str, tuple[int, ...], int]
 """Type, shape and first byte of an array."""
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> tuple[int, dict[str, Place]]:
-    """A descriptor of memory that holds the arrays, which the caller closes, and where each lies.
-    Raises OSError where there is no memory for them."""
-    import fcntl  # which Windows lacks, where nothing is packed
+    """A descriptor of memory that holds the arrays, which the caller closes, and their places in
+    it. Raises OSError if there is no memory for them."""
+    import fcntl  # missing on Windows, where nothing is packed
 
     places: dict[str, Place] = {}
     size = 0
@@ -55,7 +55,7 @@ def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> tuple[int, dict[str, Plac
 
 
 def unpack_arrays(fd: int, places: Iterable[tuple[str, Place]]) -> dict[str, NDArray[Any]]:
-    """The arrays, which are copies; the descriptor stays the caller's. Raises ValueError for what
+    """Copies of the arrays; the descriptor stays the caller's. Raises ValueError for an array that
     does not lie in that memory."""
     size = os.fstat(fd).st_size
     if size > _MOST_BYTES:

@@ -1,4 +1,4 @@
-"""A file that is there whole or not at all, and that takes no other's place unless it may."""
+"""Writes files whole or not at all, and replaces an existing file only if allowed."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from pdcd.files.system import system
 
 
 def replace_file(path: Path, data: bytes) -> None:
-    """Write a file that can be made again, in the place of any that is there.
+    """Write a file that can be made again, in place of any that is there.
 
-    Raises RequestError where that is a device, NoSpaceError, and DiskError for any other refusal of
-    the disk. No half of it is left.
+    Raises RequestError if that is a device, NoSpaceError, and DiskError for any other refusal of
+    the disk. No partial file is left.
     """
     with disk_errors(str(path)):
         folder = system.open(path.parent, system.O_PATH | system.O_DIRECTORY | system.O_CLOEXEC)
@@ -31,7 +31,7 @@ def replace_file(path: Path, data: bytes) -> None:
 
 
 def check_replaceable(path: Path) -> None:
-    """Make sure, ahead of long work, that `replace_file` can write there. Raises what it raises."""
+    """Check, before long work, that `replace_file` can write there. Raises what it raises."""
     with disk_errors(str(path)):
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
@@ -41,14 +41,13 @@ def check_replaceable(path: Path) -> None:
 def write_atomic(
     folder: int, name: str, data: bytes, *, replace: bool, shown: str, durable: bool = True
 ) -> None:
-    """Write a file into an open folder, by its name only when it is complete.
+    """Write a file into an open folder; it gets its name only when it is complete.
 
-    folder : descriptor; `shown` is what people call it.
-    durable : whether it lasts when the power fails; else some of it may then be lost.
+    folder : descriptor; `shown` is its name in messages.
+    durable : whether the file survives a power failure; else part of it may then be lost.
 
-    Raises RequestError when there is such a file and it is not to be replaced, or what is there is
-    a device, NoSpaceError, and DiskError for any other refusal of the disk. No half of a file is
-    left.
+    Raises RequestError when there is a file of that name that must not be replaced, or a device;
+    NoSpaceError; and DiskError for any other refusal of the disk. No partial file is left.
     """
     unfinished = f".{name}.{secrets.token_hex(4)}"
     flags = system.O_WRONLY | system.O_CREAT | system.O_EXCL | system.O_NOFOLLOW | system.O_CLOEXEC
@@ -69,7 +68,7 @@ def write_atomic(
 
 
 def check_name_free(folder: int, name: str, shown: str) -> None:
-    """Raise RequestError when a folder has something of that name."""
+    """Raise RequestError if a folder already has something of that name."""
     try:
         system.stat(name, dir_fd=folder, follow_symlinks=False)
     except FileNotFoundError:
@@ -95,8 +94,8 @@ def _name(folder: int, unfinished: str, name: str, *, replace: bool, shown: str)
 
 
 def _refuse_others(folder: int, name: str, shown: str) -> None:
-    """Raise RequestError where a file would take the place of a device, as /dev/null is, or of a
-    link to what is no file, as /dev/stdout is."""
+    """Raise RequestError if a file would replace a device, such as /dev/null, or a link to
+    something that is not a file, such as /dev/stdout."""
     try:
         itself = system.stat(name, dir_fd=folder, follow_symlinks=False).st_mode
         mode = system.stat(name, dir_fd=folder).st_mode

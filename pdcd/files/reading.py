@@ -1,6 +1,6 @@
-"""Files that somebody else named, read and hashed: in pieces, up to a limit, and not without end.
+"""Reads and hashes files that somebody else named: in pieces, and up to a limit.
 
-`alive` is called for each piece and may raise: a deadline or a cancel ends any of these by it.
+`alive` is called for each piece and may raise, so that a deadline or a cancel can end the reading.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from pdcd.printable import to_one_line
 HASH_CHUNK_BYTES = 2**22
 """Bytes hashed between two signs of life."""
 MAX_RAW_BYTES = 2**29
-"""Largest RAW file that is read: 150 megapixels, uncompressed, take 300 MB."""
+"""Largest RAW file that is read; 150 megapixels, uncompressed, take 300 MB."""
 MAX_PICTURE_BYTES = 2**31
 """Largest picture or array file of a run."""
 
@@ -39,14 +39,14 @@ Alive = Callable[[], object]
 
 
 def _go_on() -> None:
-    """Nobody is told, and nothing ends the work."""
+    """Do nothing: no one is told, and nothing ends the work."""
 
 
 @contextmanager
 def open_file(path: Path | str) -> Iterator[int]:
     """Descriptor of a regular file, with this process' own rights, while the context lasts.
 
-    For who must seek in it; `read_file` reads all of it. Raises Unsound.
+    For callers that must seek in it; `read_file` reads all of it. Raises Unsound.
     """
     descriptor = open_own(path)
     try:
@@ -56,15 +56,16 @@ def open_file(path: Path | str) -> Iterator[int]:
 
 
 def read_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> bytes:
-    """All of a regular file that somebody else named. Raises Unsound, also for a longer one."""
+    """All bytes of a regular file that somebody else named. Raises Unsound, also if it is longer.
+    """
     with open_file(path) as descriptor:
         return read_descriptor(descriptor, most_bytes, alive)
 
 
 def read_pipe(path: Path | str, most_bytes: int, within_s: float) -> bytes:
-    """All that is written to a FIFO that who starts the program named, as a shell's ``<(...)`` is.
+    """All bytes written to a FIFO that the user of the program named, as a shell's ``<(...)``.
 
-    Raises Unsound for more, and where nobody has written all of it within that time.
+    Raises Unsound for more bytes, and if they have not all been written within that time.
     """
     give_up_s = time.monotonic() + within_s
     descriptor = open_pipe(path)
@@ -91,16 +92,16 @@ def _read_to_end(descriptor: int, most_bytes: int, give_up_s: float) -> bytes:
 def read_descriptor(
     descriptor: int, most_bytes: int, alive: Alive = _go_on, hint: str = _RIGHT_FILE
 ) -> bytes:
-    """The same of an open file, wherever its offset stands.
+    """All bytes of an open file, wherever its offset is.
 
-    The size is looked at before anything is read. What the file grows by meanwhile is left out.
+    The size is checked before anything is read. Bytes that are added meanwhile are left out.
     """
     try:
         found = system.fstat(descriptor)
         check_regular(found)
         size = found.st_size
         _check_size(size, most_bytes, hint)
-        data = io.BytesIO()  # which gives its memory away, where a bytearray is copied
+        data = io.BytesIO()  # it hands over its memory; a bytearray would be copied
         while (done := data.tell()) < size:
             alive()
             piece = system.pread(descriptor, min(READ_CHUNK_BYTES, size - done), done)
@@ -120,7 +121,7 @@ def _check_size(size: int, most_bytes: int, hint: str = _RIGHT_FILE) -> None:
 
 
 def read_contents(descriptor: int, limits: ArrayLimits) -> bytes:
-    """The same of a file of an array; an empty one is none. Raises Unsound."""
+    """All bytes of the open file of an array. Raises Unsound, also for an empty file."""
     hint = "give one value for each cell, or one for each pair of them in a matrix"
     data = read_descriptor(descriptor, limits.file_bytes, limits.alive, hint)
     if not data:
@@ -129,19 +130,19 @@ def read_contents(descriptor: int, limits: ArrayLimits) -> bytes:
 
 
 def read_array_file(path: Path | str, limits: ArrayLimits) -> bytes:
-    """The same by its name."""
+    """The same for a file by its name."""
     with open_file(path) as descriptor:
         return read_contents(descriptor, limits)
 
 
 def hash_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> str:
-    """SHA-256 of a regular file, hexadecimal. Raises Unsound, also for a longer one."""
+    """SHA-256 of a regular file, hexadecimal. Raises Unsound, also if it is longer."""
     with open_file(path) as descriptor:
         return hash_descriptor(descriptor, most_bytes, alive)
 
 
 def hash_descriptor(descriptor: int, most_bytes: int, alive: Alive = _go_on) -> str:
-    """The same of an open file."""
+    """The same for an open file."""
     try:
         _check_size(system.fstat(descriptor).st_size, most_bytes)
         return hash_open_file(descriptor, alive, most_bytes)[0]
@@ -152,9 +153,10 @@ def hash_descriptor(descriptor: int, most_bytes: int, alive: Alive = _go_on) -> 
 def hash_open_file(
     descriptor: int, alive: Alive = _go_on, most_bytes: int | None = None
 ) -> tuple[str, int]:
-    """SHA-256, hexadecimal, and bytes of an open file, from where it stands. Raises OSError.
+    """SHA-256, hexadecimal, and number of bytes of an open file, from its offset on. Raises
+    OSError.
 
-    most_bytes : no more than these are read, however much there is; None: all of it.
+    most_bytes : no more bytes than this are read, however many there are; None: all.
     """
     digest, size = hashlib.sha256(), 0
     while chunk := os.read(descriptor, _next_bytes(most_bytes, size)):
@@ -170,7 +172,7 @@ def _next_bytes(most_bytes: int | None, done: int) -> int:
 
 @contextmanager
 def refuse_unsound(path: Path | str) -> Iterator[None]:
-    """Turn Unsound into the error of a file of a run, which names it. Raises DecodeError."""
+    """Turn Unsound into DecodeError, the error for a file of a run, which names the file."""
     try:
         yield
     except UnsoundFileError as err:

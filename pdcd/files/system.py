@@ -1,10 +1,10 @@
-"""The system's calls on files and folders: those of `os` on Linux, and what stands in elsewhere.
+"""The system's calls on files and folders: those of `os` on Linux, and replacements elsewhere.
 
-Runs are written, and read, through descriptors of folders: no link leads away, and no renaming on
-the way. Linux alone has all that this takes. Elsewhere runs are only read, and what is written are
-pages and exported pictures: there a folder is held by its path (`pdcd.files.by_path`), links are
-refused as well, and a folder that is renamed while it is read is not noticed. Its files are still
-held against their digests.
+Runs are written and read through descriptors of folders, so that neither a link nor a renamed
+folder can lead elsewhere. Only Linux has all the calls for this. On other systems runs are only
+read, and only pages and exported pictures are written. There a folder is held by its path
+(`pdcd.files.by_path`): links are refused as well, but a folder that is renamed while it is read is
+not noticed. Its files are still checked against their digests.
 
 ::
 
@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from pdcd.errors import ConfigError
 
 HAS_FOLDER_DESCRIPTORS = hasattr(os, "O_PATH") and os.open in os.supports_dir_fd
-"""Whether folders are held by descriptors here, as everything that takes photos asks."""
+"""Whether this system can hold folders by descriptors, which taking photos requires."""
 
 if TYPE_CHECKING or HAS_FOLDER_DESCRIPTORS:
     import fcntl as locks
@@ -35,14 +35,14 @@ __all__ = ["HAS_FOLDER_DESCRIPTORS", "locks", "path_of", "real_path_of", "requir
 
 
 def path_of(descriptor: int) -> Path:
-    """Path that leads to what a descriptor of this process holds, wherever that was moved to."""
+    """Path to the file or folder of a descriptor of this process, even if it was moved."""
     if HAS_FOLDER_DESCRIPTORS:
         return Path(f"/proc/self/fd/{descriptor}")
     return real_path_of(descriptor)
 
 
 def real_path_of(descriptor: int) -> Path:
-    """Where that lies now, for people. Raises OSError."""
+    """Where that file or folder lies now, for display. Raises OSError."""
     if HAS_FOLDER_DESCRIPTORS:
         return path_of(descriptor).readlink()
     path: Path = descriptor.path  # type: ignore[attr-defined]
@@ -50,10 +50,10 @@ def real_path_of(descriptor: int) -> Path:
 
 
 def require_linux(what: str) -> None:
-    """Raise ConfigError where this system has not what taking photos needs.
+    """Raise ConfigError if this system lacks what taking photos needs.
 
-    Called by all that takes photos or talks with a daemon, before anything else is done. `what` is
-    not to be had here, in words.
+    Called first by everything that takes photos or talks to a daemon. `what` names in words what is
+    not available here.
     """
     if not HAS_FOLDER_DESCRIPTORS:
         raise ConfigError(

@@ -1,6 +1,6 @@
 """Texts from outside, made fit for messages: names on a disk and words of devices may be any bytes.
 
-Python keeps what is no UTF-8 as halves of characters, which no JSON can hold.
+Python keeps bytes that are not UTF-8 as surrogates, which JSON cannot hold.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from pdcd.printable import to_one_line
 def encode_json(value: object, enc_hook: Callable[[Any], Any] | None = None) -> bytes:
     """Any message, record or result as JSON, whatever bytes its texts came from.
 
-    Everything that leaves the program as JSON is written by this. What is no text is escaped as
-    `to_one_line` does it. enc_hook : makes plain values of others, as msgspec has it. Raises
-    TypeError for what no JSON tells.
+    Everything that leaves the program as JSON is written by this function. Bytes that are not text
+    are escaped as in `to_one_line`. enc_hook : turns other values into plain ones, as for msgspec.
+    Raises TypeError for values that JSON cannot express.
     """
     try:
         return msgspec.json.encode(value, enc_hook=enc_hook)

@@ -1,7 +1,7 @@
-"""A folder that others write into while it is watched, as a card, a share or another program does.
+"""A folder that others write into while it is watched: a card, a share, or another program's.
 
-Whoever may write there chooses names, kinds of files and what they hold. So no link is followed
-below the folder, nothing is opened but regular files, and nothing is waited for.
+Whoever can write there chooses names, kinds and contents of files. So no link is followed below the
+folder, only regular files are opened, and nothing is waited for.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from pdcd.files.reading import Alive, hash_descriptor, read_descriptor
 from pdcd.printable import to_one_line
 
 _DEPTH = 8
-"""Folders below each other that are looked into."""
+"""Levels of folders that are searched."""
 MOST_WATCHED = 200_000
-"""Most names in it that are looked at."""
+"""Most names that it may hold."""
 _ASIDE = (".", "@", "#", "$", "~")
-"""How names begin that are nobody's photos: hidden and unfinished ones (`._IMG_1.DNG`, `~tmp`), and
-what NAS systems keep for themselves (`@eaDir`, `#recycle`, `$RECYCLE.BIN`)."""
+"""First letters of names that are not photos: hidden and unfinished files (`._IMG_1.DNG`, `~tmp`),
+and folders of NAS systems (`@eaDir`, `#recycle`, `$RECYCLE.BIN`)."""
 
 
 class WatchedFile(NamedTuple):
-    """What a folder tells of one name, as it was when it was looked at.
+    """The status of one name in a folder, at the time of the look.
 
-    kind : "file", "folder", "symbolic link" ..., or "hard link" of a file that has other names as
-        well: nobody can tell whose it is.
-    date_ns, changed_ns : when its content, and anything of it, was changed.
+    kind : "file", "folder", "symbolic link" ..., or "hard link" for a file that also has other
+        names: it is not known whose file it is.
+    date_ns, changed_ns : when its content was last changed, and when anything about it was.
     """
 
     kind: str
@@ -43,15 +43,15 @@ class WatchedFile(NamedTuple):
 
 
 class WatchedFolder:
-    """Looks at such a folder. Methods raise OSError when the folder cannot be read."""
+    """A watched folder. Methods raise OSError when the folder cannot be read."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def look(self, alive: Alive = lambda: None) -> dict[str, WatchedFile]:
-        """All that lies in it and below, by its name relative to it. `alive` as of `walk_folder`.
+        """Everything in it and below, by names relative to it. `alive` as for `walk_folder`.
 
-        Names are as the disk has them: `to_one_line` makes them fit to show.
+        Names are as on the disk: `to_one_line` makes them fit to show.
         """
         found: dict[str, WatchedFile] = {}
         with open_folder(self.path) as folder:
@@ -70,17 +70,17 @@ class WatchedFolder:
         return found
 
     def read(self, name: str, most_bytes: int, alive: Alive = lambda: None) -> bytes:
-        """The content of a file. Raises DecodeError for what is none, or is longer."""
+        """The content of a file. Raises DecodeError if it is not a regular file, or is longer."""
         with self._opened(name) as descriptor:
             return read_descriptor(descriptor, most_bytes, alive)
 
     def hash(self, name: str, most_bytes: int, alive: Alive = lambda: None) -> str:
-        """Its SHA-256, hexadecimal. Raises DecodeError as `read`."""
+        """The SHA-256 of a file, hexadecimal. Raises DecodeError as `read`."""
         with self._opened(name) as descriptor:
             return hash_descriptor(descriptor, most_bytes, alive)
 
     def remove(self, name: str) -> None:
-        """Remove a file, through no link."""
+        """Remove a file, without following links."""
         above, _, last = name.rpartition("/")
         with open_folder(self.path) as folder, open_inner_folder(folder, above) as at:
             os.unlink(last, dir_fd=at)

@@ -1,9 +1,9 @@
-"""The one maker of pages: templates of Jinja in `assets/`, whose values are texts, nothing else.
+"""Makes all pages, from Jinja templates in `assets/` whose values are always shown as text.
 
-Clients, operators and devices wrote much of what a page tells: notes, tags, file names, models.
-None of it may do anything. So every text is escaped twice over: what cannot be seen is spelled out
-(`pdcd.printable`), then comes HTML's own escaping; and the policy of a page lets no script run but
-the one whose digest it names, and nothing be fetched but pictures beside it.
+Much of a page's text comes from clients, operators and devices: notes, tags, file names, models.
+None of it may have effects. So every text is escaped twice: invisible characters are spelled out
+(`pdcd.printable`), then HTML's own escaping follows. And the policy of a page lets only the script
+run whose digest it names, and only pictures beside the page be fetched.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 _STYLE = "page.css"
-"""What all pages have; each has another of its own name beside that."""
+"""Style sheet of all pages; each page has another one, called like its template."""
 
 
 def render(template: str, **values: Any) -> str:
-    """A template of `assets/` with its values, each of which is shown as text.
+    """A template of `assets/`, filled in with values, each of which is shown as text.
 
-    Called for parts of pages, such as a run in a notebook. A value that the template wants and
-    does not get is an error of jinja2.
+    It is for parts of pages, such as a run in a notebook. A missing value raises an error of
+    jinja2.
     """
     return _environment().get_template(template).render(values)
 
@@ -53,8 +53,8 @@ def render_page(template: str, scripts: Sequence[str] = (), **values: Any) -> st
 
 
 def load_template(template: str) -> None:
-    """Load the template engine and a template beside other work, for a page that comes soon: they
-    take as long as a few pages."""
+    """Load the template engine and a template beside other work, for a page that is made soon:
+    loading takes as long as making a few pages."""
     threading.Thread(target=lambda: _environment().get_template(template)).start()
 
 
@@ -74,8 +74,8 @@ def _environment() -> Environment:
 
 
 def _visible(value: object) -> object:
-    """A value as text of one line without anything that cannot be seen; markup of templates as it
-    is."""
+    """A value as one line of text with invisible characters escaped; markup of templates as it is.
+    """
     return value if hasattr(value, "__html__") else to_one_line(str(value))
 
 
@@ -91,12 +91,12 @@ def _joined(scripts: tuple[str, ...]) -> str:
 
 
 def _digest(words: str) -> str:
-    """As the page's policy names a script or a style."""
+    """The digest by which the page's policy names a script or a style."""
     return "sha256-" + base64.b64encode(hashlib.sha256(words.encode("utf-8")).digest()).decode()
 
 
 def encode_page_json(told: Any) -> str:
-    """JSON for a script element, which ends no element and begins none; null for what is no
-    number. The template marks it as safe."""
+    """JSON for a script element: it can neither end nor begin an element; NaN and infinity become
+    null. The template marks it as safe."""
     data = encode_json(told, lambda value: value.item()).decode()
     return data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

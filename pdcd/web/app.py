@@ -1,4 +1,4 @@
-"""What each address of the page answers. Everything that the rig does is asked of the daemon."""
+"""The answers of each address of the page. Everything that the rig does is asked of the daemon."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ from pdcd.words import PatternName
 logger = logging.getLogger(__name__)
 
 MOST_BODY_BYTES = MAX_LINE - 4096
-"""Longest body that asks for a photo: it still fits into a line to the daemon."""
+"""Longest body that asks for a photo; it must fit into a line to the daemon."""
 SMALL_BYTES = 4096
-"""Longest body of all others."""
+"""Longest body of all other requests."""
 LONG_S = ENGINE_S + INTAKE_TIMEOUT_S + WAIT_S
-"""How long a request may take that waits for the rig."""
+"""Longest time for a request that waits for the rig, in seconds."""
 _WRITE_S = 10.0
 """How long a page may take to read what it is sent, in seconds."""
 _DISK_AT_A_TIME = 4
 """Threads that read the disk."""
 
 _STATUS: Mapping[str, int] = {"request": 400, "config": 400, "denied": 403, "busy": 409}
-"""Status of HTTP by kind of error; 500 for all others."""
+"""HTTP status by kind of error; 500 for all others."""
 
 _ERROR_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>pdcd</title>
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -84,9 +84,9 @@ WANTS: Mapping[str, _Wants] = {
     "record": _Wants(JobParams, "stream.record", ENGINE_S),
     "look": _Wants(NoParams, "preview.grab", ENGINE_S),
 }
-"""All that a page can have done, by the last part of the address."""
+"""Everything that a page can ask for, by the last part of the address."""
 _DETACHED = ("capture", "calibrate")
-"""Jobs that go on when the page is closed, or this server ends: the page can end them."""
+"""Jobs that go on when the page is closed or this server ends; a page can still end them."""
 
 
 class Site:
@@ -100,7 +100,7 @@ class Site:
         news: News,
         shelf: RunShelf,
     ) -> None:
-        """places : of the connections by which requests come."""
+        """places : those of the connections that bring requests."""
         self._places = places
         self._door = door
         self._asks = asks
@@ -111,7 +111,7 @@ class Site:
         self._refusals = 0
 
     def app(self) -> web.Application:
-        """What the server serves."""
+        """The application that the server serves."""
         app = web.Application(middlewares=[self._keep], client_max_size=MOST_BODY_BYTES)
         for path, handler in (
             ("/", self._file),
@@ -133,7 +133,7 @@ class Site:
 
     @web.middleware
     async def _keep(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
-        """Let in who may, and answer everybody else in one line."""
+        """Let permitted requests in, and answer all others in one line."""
         try:
             response = await self._let_in(request, handler)
         except Refusal as no:
@@ -147,7 +147,7 @@ class Site:
             response = _error(status, err.kind, err.message, err.device, err.hint)
         except ConnectionError as err:  # the client's Unreachable, or a browser that left
             response = _error(503, "unreachable", str(err))
-        # Nothing of a fault of ours is told to whoever provoked it.
+        # Details of our own faults are not sent to whoever provoked them.
         except Exception:
             logger.exception("fault of the program path=%s", request.raw_path[:100])
             response = _error(500, "internal", "a fault of the program: see its log")
@@ -158,11 +158,12 @@ class Site:
             for name, value in ALWAYS.items():
                 response.headers[name] = value
             response.headers.setdefault("Content-Security-Policy", OURS)
-            response.force_close()  # one request a connection: nothing to be smuggled in behind it
+            response.force_close()  # one request a connection: none can be smuggled in after it
         return response
 
     def _refused(self, status: int, why: str) -> web.Response:
-        """The answer; told to the log ever more seldom, so that nobody can fill it."""
+        """The answer to a refused request; refusals are logged ever more rarely, so that nobody can
+        fill the log."""
         self._refusals += 1
         if str(self._refusals).strip("0") == "1":
             logger.warning("refused=%d requests so far, last status=%d why=%s",
@@ -188,13 +189,13 @@ class Site:
         return await self._streamed(request, self._news.page())
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
-        """Pictures of a live view, for as long as the page reads them: then it ends."""
+        """Pictures of a live view; it ends when the page stops reading them."""
         asked = await _read_body(request, LiveParams, SMALL_BYTES)
         self._places.admit(request.transport, LONG_S)
         return await self._streamed(request, _tell_frames(self._asks.follow(_plain(asked))))
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
-        """Pictures of a stream, for as long as the page reads them: then it ends."""
+        """Pictures of a stream; it ends when the page stops reading them."""
         asked = await _read_body(request, StreamRequest, MOST_BODY_BYTES)
         self._places.admit(request.transport, LONG_S)
         return await self._streamed(request, _tell_frames(self._asks.follow_stream(_plain(asked))))
@@ -202,7 +203,7 @@ class Site:
     async def _streamed(
         self, request: web.Request, messages: AsyncGenerator[bytes, None]
     ) -> web.StreamResponse:
-        """Server-sent events, until there are no more, or the page has gone."""
+        """Server-sent events, until there are no more, or the page is gone."""
         async with contextlib.aclosing(messages):
             first = await anext(messages)
             response = web.StreamResponse(headers={**ALWAYS, "Content-Security-Policy": OURS})
@@ -215,11 +216,11 @@ class Site:
                 async for data in messages:
                     await _written(response, data)
             except (ConnectionError, TimeoutError):
-                pass  # the page has gone, or does not read: it asks anew
+                pass  # the page is gone or does not read; it asks anew
             return response
 
     async def _describe(self, request: web.Request) -> web.StreamResponse:
-        """The rig, the goals, and the fields of what can be asked for."""
+        """The rig, the goals, and the fields of requests."""
         told = await self._asks.ask("rig.describe", answer_s=ENGINE_S)
         return _json(
             {
@@ -249,7 +250,7 @@ class Site:
         return _json({"address": f"report/{job}/{self._door.ticket(job)}"})
 
     async def _report(self, request: web.Request) -> web.StreamResponse:
-        """The page of a run, for who has a ticket to it."""
+        """The report of a run, for a browser that has a ticket to it."""
         job = request.match_info["job"]
         self._door.check_ticket(job, request.match_info["ticket"])
         self._places.admit(request.transport, REQUEST_S)
@@ -262,7 +263,7 @@ class Site:
         )
 
     async def _post(self, request: web.Request) -> web.StreamResponse:
-        """Pass a wish on, once it is what it should be."""
+        """Check a request and pass it on to the daemon."""
         name = request.path.rpartition("/")[2]
         wants = WANTS[name]
         asked = await _read_body(request, wants.params, wants.most_bytes)
@@ -282,7 +283,7 @@ class Site:
 async def _read_body(
     request: web.Request, params: type[msgspec.Struct], most_bytes: int
 ) -> msgspec.Struct:
-    """What a body asks for, once it is what it should be. Raises Refusal, RequestError."""
+    """The request in a body, checked. Raises Refusal, RequestError."""
     if request.content_length is None:
         raise Refusal(411, "the body comes with its length")
     if request.content_length > most_bytes:
@@ -297,7 +298,8 @@ async def _read_body(
 
 
 def _name_reason(run: ShelfRun) -> ShelfRun:
-    """A run that says why it failed in words of the page; what people wrote stays as it is."""
+    """The run, with the reason of its failure in words of the page; text by people stays as it is.
+    """
     if run.entry is None or run.entry.reason is None:
         return run
     entry = msgspec.structs.replace(run.entry, reason=name_fields(run.entry.reason))
@@ -310,7 +312,7 @@ def _plain(asked: msgspec.Struct) -> dict[str, Any]:
 
 
 async def _tell_frames(frames: AsyncGenerator[Any, None]) -> AsyncGenerator[bytes, None]:
-    """Messages of the pictures, and the last one of what the live view ended by."""
+    """A message for each picture, and a last one for the error that ended the live view."""
     begun = False
     async with contextlib.aclosing(frames):
         try:
@@ -318,7 +320,7 @@ async def _tell_frames(frames: AsyncGenerator[Any, None]) -> AsyncGenerator[byte
                 begun = True
                 yield make_message(frame)
         except (PdcdError, ConnectionError) as err:
-            if not begun:  # it is told by the status of the answer
+            if not begun:  # the status of the answer says it
                 raise
             told = to_error_fields(err) if isinstance(err, PdcdError) else {"message": str(err)}
             yield make_message({"error": name_fields(told)})
@@ -343,6 +345,6 @@ def _error(
 
 
 def _error_page(status: int, told: str) -> web.Response:
-    """The same for a person who typed an address, or kept an old one."""
+    """The same as a page, for a person who typed an address or kept an old one."""
     page = _ERROR_PAGE.format(to_html(msgspec.json.decode(told)["error"]["message"]))
     return web.Response(text=page, status=status, content_type="text/html", charset="utf-8")

@@ -1,7 +1,8 @@
 """Calls that may take long or hang, a few at a time, each in a thread of its own; and questions to
-the daemon, which are such calls, each on a connection of its own.
+the daemon, which are calls of this kind, each on a connection of its own.
 
-So a daemon that goes and comes back needs nothing from us, and one that hangs holds up nobody else.
+So nothing has to be done when a daemon goes and comes back, and a daemon that hangs delays nothing
+else.
 """
 
 from __future__ import annotations
@@ -18,33 +19,33 @@ from pdcd.errors import BusyError
 from pdcd.server.aside import call_in_thread
 
 LIVE_VIEWS = 2
-"""Live views at a time: the one that is seen, and the next, to which it gives way."""
+"""Live views at a time: the visible one, and the next one, which replaces it."""
 AT_A_TIME = 3
-"""Questions at a time: the daemon has few places for the connections of one user."""
+"""Questions at a time: the daemon allows one user only a few connections."""
 ANSWER_S = 10.0
-"""How long an answer may take that needs no device, in seconds."""
+"""Longest time for an answer that needs no device, in seconds."""
 ENGINE_S = 60.0
-"""The same where the rig is needed: a plan, a quick photo, the end of a job."""
+"""The same for an answer that needs the rig: a plan, a quick photo, the end of a job."""
 CONNECT_S = 5.0
-"""How long the daemon may take to greet, in seconds."""
+"""Longest time for the daemon's first words, in seconds."""
 
 WAIT_S = 5.0
-"""How long a call waits for its turn."""
+"""Longest time that a call waits for its turn, in seconds."""
 
 _Params = Mapping[str, object]
 _R = TypeVar("_R")
 
 
 class Turns:
-    """So many places for calls of one kind; used from one event loop."""
+    """A number of places for calls of one kind; used from one event loop."""
 
     def __init__(self, places: int, what: str) -> None:
-        """what : in words, for who finds no place."""
+        """what : in words, for the error when no place is free."""
         self._places = asyncio.Semaphore(places)
         self._what = what
 
     async def do(self, function: Callable[..., _R], *args: object) -> _R:
-        """What the call returns or raises. Raises BusyError where none of the places is free."""
+        """What the call returns or raises. Raises BusyError when no place becomes free in time."""
         try:
             async with asyncio.timeout(WAIT_S):
                 await self._places.acquire()
@@ -55,7 +56,7 @@ class Turns:
         loop = asyncio.get_running_loop()
 
         def held() -> _R:
-            # Who leaves does not give the place away while the call still hangs.
+            # A caller that leaves does not free the place while the call still hangs.
             try:
                 return function(*args)
             finally:
@@ -77,22 +78,22 @@ class DaemonQueries:
     async def ask(
         self, method: str, params: _Params | None = None, *, answer_s: float = ANSWER_S
     ) -> Any:
-        """The answer, in JSON types. Raises the PdcdError that the daemon gave, BusyError where too
-        much is asked at a time, and Unreachable."""
+        """The answer, in JSON types. Raises the PdcdError that the daemon gave, BusyError when too
+        many questions are asked at a time, and Unreachable."""
         return await self._turns.do(self._call, method, params, answer_s)
 
     async def cancel(self, job: str) -> Any:
-        """End a job; has a place kept for it, so that it need not wait for a plan."""
+        """End a job; it has a place of its own, so that it need not wait for a plan."""
         return await self._kept.do(self._call, "capture.cancel", {"job": job}, ENGINE_S)
 
     def follow(self, params: _Params) -> AsyncGenerator[Any, None]:
-        """The pictures of a live view, the newest each time, which ends when nobody asks for more:
-        its connection is its own. Raises as `ask`, and the error that it ended by."""
+        """The pictures of a live view, the newest each time, on a connection of its own. The view
+        ends when no more are asked for. Raises as `ask`, and the error that ended the view."""
         return self._follow("preview.live", params, "preview.frame", {}, ENGINE_S)
 
     def follow_stream(self, params: _Params) -> AsyncGenerator[Any, None]:
-        """The same of a stream, after the name of its job: until its first picture there is much to
-        photograph."""
+        """The same for a stream, after the name of its job, as many photos are taken before the
+        first picture."""
         return self._follow("stream.start", params, "stream.frame", {"picture": "jpeg"}, None)
 
     async def _follow(

@@ -1,8 +1,8 @@
-"""Who is let in: whoever shows the token that was printed, and nobody else's page.
+"""Access control: only requests with the printed token are answered, and no other site's page.
 
-The token stands behind the # of the printed address. Browsers send that part to no server, so it is
-in no request line and no log. The page keeps it where only pages of this very address can read it,
-and shows it in a header that no other site's request has.
+The token follows the # of the printed address. Browsers send that part to no server, so it is in no
+request line and no log. The page keeps it where only pages of this very address can read it, and
+sends it in a header that no other site's request has.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ import secrets
 from aiohttp import web
 
 STRANGERS = 128
-"""Connections that have not shown the token, at a time."""
+"""Most connections at a time that have not shown the token."""
 STAY_S = 0.25
-"""For how long one of them is safe from the next that comes, in seconds: whoever has the token has
-shown it by then."""
+"""For how long such a connection keeps its place when others come, in seconds: a browser with the
+token has shown it by then."""
 STRANGER_S = 5.0
-"""From the first byte to the last of a request without the token, in seconds."""
+"""Longest time of a request without the token, from its first to its last byte, in seconds."""
 REQUEST_S = 30.0
-"""The same for a whole request with the token, its answer included."""
+"""Longest time of a request with the token, its answer included, in seconds."""
 
 
 class Refusal(Exception):  # noqa: N818 - reads as the state it reports
-    """A request that is not answered: the status of HTTP, and a word on why."""
+    """A request that is refused: the HTTP status, and a word on why."""
 
     def __init__(self, status: int, why: str) -> None:
         super().__init__(why)
@@ -43,30 +43,30 @@ class BrowserAuth:
 
     @property
     def address(self) -> str:
-        """What is printed."""
+        """The address with the token, which is printed."""
         return f"http://{self.host}/#{self._token}"
 
     def check_host(self, request: web.Request) -> None:
-        """Refuse what means another host: a name of somebody else's that leads here. Raises
-        Refused."""
+        """Refuse a request for another host, such as a foreign name that resolves to this machine.
+        Raises Refusal."""
         if request.headers.getall("Host", []) != [self.host]:
             raise Refusal(403, "another host is meant")
 
     def check_token(self, request: web.Request) -> None:
-        """Refuse who has no token. Raises Refused."""
+        """Refuse a request without the token. Raises Refusal."""
         given = request.headers.getall("Authorization", [])
         if len(given) != 1 or not _same(given[0], f"Bearer {self._token}"):
             raise Refusal(401, "open the address that pdcd web printed")
 
     def ticket(self, job: str) -> str:
-        """What opens the report of one run without the token, as a tab of its own cannot show it.
+        """A key to the report of one run, as a tab of its own cannot send the token.
 
-        A report may be anybody's page: it must not learn the token.
+        A report may have been made by anybody: it must not learn the token.
         """
         return hmac.new(self._token.encode(), job.encode(), hashlib.sha256).hexdigest()
 
     def check_ticket(self, job: str, ticket: str) -> None:
-        """Refuse who was not given the ticket of that run. Raises Refused."""
+        """Refuse a request without the ticket of this run. Raises Refusal."""
         if not _same(ticket, self.ticket(job)):
             raise Refusal(404, "no such address: open the report from the page")
 
@@ -78,26 +78,26 @@ def _same(given: str, wanted: str) -> bool:
 class VisitorPlaces:
     """The connections of one server: strangers have few places and little time.
 
-    A connection is a stranger until its request has shown the token. Where all places of strangers
-    are taken, whoever came first goes: nobody is kept out by those who hold theirs. Others wait at
-    the door (`wait_s`) until that one has had its time, so that nobody is swept out by those who
-    come in crowds, again and again, before a request could be read.
+    A connection is a stranger until its request has shown the token. When all places of strangers
+    are taken, the oldest stranger has to leave for the next one, so that nobody can block the
+    places. The next one first waits (`wait_s`) until the oldest has had its time, so that a crowd
+    cannot sweep connections out before their requests are read.
     """
 
     def __init__(self) -> None:
         self._timers: dict[asyncio.Transport, asyncio.TimerHandle | None] = {}
         self._strangers: dict[asyncio.Transport, float] = {}
-        """And when they came, by the loop's clock; the first of them first."""
+        """Strangers and when they came, by the loop's clock; the oldest first."""
 
     def wait_s(self) -> float:
-        """How long the next that comes has to wait, in seconds."""
+        """How long the next connection has to wait, in seconds."""
         if len(self._strangers) < STRANGERS:
             return 0.0
         first_s = next(iter(self._strangers.values()))
         return max(0.0, first_s + STAY_S - asyncio.get_running_loop().time())
 
     def enter(self, transport: asyncio.Transport) -> None:
-        """One more stranger."""
+        """Take in one more stranger."""
         if len(self._strangers) >= STRANGERS:
             first = next(iter(self._strangers))
             self.leave(first)
@@ -106,8 +106,8 @@ class VisitorPlaces:
         self._allow(transport, STRANGER_S)
 
     def admit(self, transport: asyncio.BaseTransport | None, seconds: float | None) -> None:
-        """The request on this connection may be answered; it has so many seconds from now on, or no
-        limit: then whoever answers it sees that it ends."""
+        """The request on this connection may be answered, within `seconds` from now. None is no
+        limit: then the code that answers it must see that it ends."""
         if isinstance(transport, asyncio.Transport) and transport in self._timers:
             self._strangers.pop(transport, None)
             self._allow(transport, seconds)
@@ -134,7 +134,7 @@ class VisitorPlaces:
 
 
 class VisitorConnection(web.RequestHandler):
-    """A connection as the library serves it, in a place of its own."""
+    """A connection of the library, with a place among `VisitorPlaces`."""
 
     def __init__(self, places: VisitorPlaces, server: web.Server, **limits: object) -> None:
         super().__init__(server, loop=asyncio.get_running_loop(), **limits)  # type: ignore[arg-type]
@@ -149,7 +149,7 @@ class VisitorConnection(web.RequestHandler):
             self._places.enter(transport)
 
     def connection_lost(self, exc: BaseException | None) -> None:
-        """Give it back."""
+        """Give the place back."""
         if self._place is not None:
             self._places.leave(self._place)
         super().connection_lost(exc)

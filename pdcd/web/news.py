@@ -1,7 +1,7 @@
-"""What the page is told without asking: whether the daemon is there, its state, events of jobs.
+"""News that pages get without asking: whether the daemon is there, its state, events of jobs.
 
-A thread listens to the daemon's events and comes back by itself when the daemon does. Each page
-that is open reads from a queue of its own; one that does not read is given up, and asks anew.
+A thread listens to the daemon's events, and reconnects by itself when the daemon is back. Each open
+page reads from a queue of its own; a page that does not read is dropped, and asks anew.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from pdcd.web.pages import name_fields
 _RETRY_S = 1.0
 """Time between two attempts to reach the daemon, in seconds."""
 _REMEMBERED = 100
-"""Events of the last job that a page is told when it opens."""
+"""Events of the last job that a page gets when it opens."""
 UNREAD = 256
-"""Messages that may wait for a page; then it is given up. Thinned ones only up to half of that."""
+"""Messages that may wait for a page before it is dropped; thinned ones only up to half of that."""
 PAGES = 8
-"""Pages at a time."""
+"""Most pages at a time."""
 BEAT_S = 15.0
 """Time between two signs of life to a page, in seconds."""
 
@@ -37,11 +37,11 @@ BEAT = b": alive\n\n"
 
 
 class TooManyPagesError(Exception):
-    """No more pages can be told news."""
+    """No more pages can get news."""
 
 
 class News:
-    """Collects what is new, and tells it to every page; used from one event loop."""
+    """Collects news and sends it to every page; used from one event loop."""
 
     def __init__(self, socket: Path, asks: DaemonQueries) -> None:
         self._socket = socket
@@ -65,7 +65,7 @@ class News:
         self._thread.start()
 
     async def close(self) -> None:
-        """Listen no more, and end all pages."""
+        """Stop listening, and end all pages."""
         self._ended.set()
         with self._lock:
             if self._client is not None:
@@ -79,9 +79,9 @@ class News:
             await asyncio.to_thread(self._thread.join, CONNECT_S + 1.0)
 
     async def page(self) -> AsyncGenerator[bytes, None]:
-        """What one page is sent, as server-sent events, until it leaves or falls behind.
+        """The server-sent events for one page, until it leaves or falls behind.
 
-        Raises TooMany.
+        Raises TooManyPagesError.
         """
         if len(self._pages) >= PAGES:
             raise TooManyPagesError
@@ -156,14 +156,14 @@ class News:
             self._look()
 
     def _forget(self) -> None:
-        """A new job: what the ones before it told is no news, unless one of them still runs."""
+        """Forget events of ended jobs, as a new job has come."""
         ended = {e["job"] for _, e in self._events if e["type"] in ("done", "failed", "cancelled")}
         kept = [each for each in self._events if each[1]["job"] not in ended]
         self._events.clear()
         self._events.extend(kept)
 
     def _look(self) -> None:
-        """Ask for the state of the rig; once more if somebody wanted it while it was asked for."""
+        """Ask for the state of the rig, and once more if this is called again meanwhile."""
         self._stale = True
         if self._refresh is None or self._refresh.done():
             self._refresh = self._loop.create_task(self._ask_status())
@@ -198,7 +198,7 @@ class News:
         try:
             if self._ended.is_set():
                 return
-            # First this, so that nothing is missed between the state and the events.
+            # Subscribe first, so that nothing is missed between the state and the events.
             client.call("events.subscribe", {"jobs": "all"})
             self._in_loop(self._arrived)
             for event in client.events("all"):
@@ -218,7 +218,7 @@ def make_message(message: Any) -> bytes:
 
 
 def _end(page: asyncio.Queue[bytes | None]) -> None:
-    """Let a page read nothing more, whatever waits for it."""
+    """End a page: drop what waits for it, and let it read no more."""
     while not page.empty():
         page.get_nowait()
     page.put_nowait(None)

@@ -1,8 +1,8 @@
-"""What the page is made of: its files, the headers that say what a browser may do with them, and
-the fields of a request as it draws them.
+"""The parts of the page: its files, the headers that say what a browser may do with them, and the
+fields of a request as the page draws them.
 
-The page knows no field by name; what is wrong with a value is told by `pdcd.web.app`, in the words
-of `pdcd.protocol.fields`.
+The page knows no field by name; `pdcd.web.app` says what is wrong with a value, in the words of
+`pdcd.protocol.fields`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ ALWAYS: Mapping[str, str] = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), microphone=(), geolocation=(), usb=()",
-    # Else the library tells its name and version.
+    # Otherwise the library sends its own name and version.
     "Server": "pdcd",
 }
 OURS = (
@@ -48,14 +48,14 @@ OURS = (
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
     "require-trusted-types-for 'script'; trusted-types 'none'"
 )
-"""What our own page may do: use its own files, and ask its own server. No text becomes a script."""
+"""What our own page may do: use its own files and ask its own server. No text runs as a script."""
 REPORTS = (
     "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline'; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""What a report may do: run what stands in it, as a page of no origin, which has no cookie and
-reaches nothing. Anybody who may write into the state folder could have made it."""
+"""What a report may do: run its own scripts, as a page without origin, which has no cookies and
+reaches no server. Anybody who can write into the state folder could have made it."""
 
 
 def read_page_files() -> dict[str, tuple[str, bytes]]:
@@ -83,8 +83,8 @@ def list_form_groups() -> list[dict[str, Any]]:
 
 
 def name_fields(told: Any) -> Any:
-    """What is told in JSON types, its options of a command line as the form calls their fields:
-    "--parts 4" as "parts 4". For what advice says, from wherever it comes."""
+    """A message in JSON types, with command line options replaced by the form's names of fields:
+    "--parts 4" becomes "parts 4". It is for advice from any part of the program."""
     if isinstance(told, str):
         return _OPTION.sub(_name_field, told) if "--" in told else told
     if isinstance(told, dict):
@@ -103,16 +103,16 @@ def _labels() -> Mapping[str, str]:
 
 
 def _unit(field: Field) -> str:
-    """Behind a label that does not say it, by what stands for the value on the command line."""
+    """The unit to add to a label that lacks it, by the value's placeholder on the command line."""
     unit = _UNITS.get(field.about.metavar, "")
     return f" ({unit})" if unit and not field.label.startswith(unit) else ""
 
 
 def _described(field: Field) -> dict[str, Any]:
-    """One field.
+    """One field, for the page.
 
-    `values` are those that it may be, or words that it may be in the place of a number; `each` says
-    what each of several numbers is; `common` fields are shown at once.
+    `values` are its allowed values, or words allowed in place of a number; `each` names each of
+    several numbers; `common` fields are shown at once.
     """
     values: list[bool | str] = list(field.words)
     several = field.about.metavar if isinstance(field.about.metavar, tuple) else ()

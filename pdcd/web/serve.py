@@ -1,4 +1,4 @@
-"""Binding the page to the loopback interface, telling its address, and ending."""
+"""Binds the page to the loopback interface, reports its address, and serves it to the end."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from pdcd.web.news import News
 from pdcd.web.shelf import RunShelf
 
 _BACKLOG = 1024
-"""Connections that wait to be accepted."""
+"""Most connections that wait to be accepted."""
 _SCARCE_S = 1.0
-"""Pause when the system has nothing left to accept a connection with, in seconds."""
+"""Pause when the system lacks resources to accept a connection, in seconds."""
 
 logger = logging.getLogger(__name__)
 _library = logging.getLogger("pdcd.web.library")
-# It tells of every malformed request at length. Faults of ours are logged by ourselves.
+# It logs every malformed request at length. We log our own faults ourselves.
 _library.disabled = True
 SERVER_SETTINGS: Mapping[str, object] = {
     "access_log": None,
     "logger": _library,
     "lingering_time": 0.0,
-    "auto_decompress": False,  # no body grows
+    "auto_decompress": False,  # a body must not grow by unpacking
     "max_line_size": 1024,
     "max_field_size": 4096,
     "max_headers": 64,
 }
-"""What the library is told of each connection: sizes in bytes, and what it is kept from."""
+"""The library's settings for each connection: sizes in bytes, and features that are off."""
 
 
 def bind_loopback(host: str, port: int) -> sockets.socket:
     """A listening socket at an address of the loopback interface; port 0 takes a free one.
 
-    Raises ConfigError for any other address, and where it cannot be had.
+    Raises ConfigError for any other address, and when it cannot be bound.
     """
     try:
         address = ipaddress.ip_address(host)
@@ -53,7 +53,7 @@ def bind_loopback(host: str, port: int) -> sockets.socket:
         raise ConfigError(
             f"{host!r} is no address", hint="give one of the loopback interface: 127.0.0.1 or ::1"
         ) from err
-    # A mapped address (::ffff:127.0.0.1) is one of the other family in disguise.
+    # A mapped address (::ffff:127.0.0.1) is really one of the other family.
     if not address.is_loopback or getattr(address, "ipv4_mapped", None) is not None:
         raise ConfigError(
             f"{host} is not an address of the loopback interface, and no other is served",
@@ -79,8 +79,8 @@ def bind_loopback(host: str, port: int) -> sockets.socket:
 async def serve_page(sock: sockets.socket, socket: Path, state: Path) -> AsyncIterator[BrowserAuth]:
     """Serve the page on a listening socket for as long as the context lasts.
 
-    socket : the daemon's. state : its state folder, for the list of runs. The door that is given
-    knows the address to be opened.
+    socket : the daemon's. state : its state folder, for the list of runs. The value of the context
+    has the address to open.
     """
     host, port = sock.getsockname()[:2]
     door, places, asks = BrowserAuth(host, port), VisitorPlaces(), DaemonQueries(socket)
@@ -107,15 +107,15 @@ async def serve_page(sock: sockets.socket, socket: Path, state: Path) -> AsyncIt
 async def _accept(
     sock: sockets.socket, places: VisitorPlaces, connection: Callable[[], asyncio.Protocol]
 ) -> None:
-    """Let in whoever comes, no faster than there are places; never returns."""
+    """Accept connections, no faster than there are places; never returns."""
     loop = asyncio.get_running_loop()
     while True:
         try:
             came, _ = await loop.sock_accept(sock)
             await loop.connect_accepted_socket(connection, came)
         except ConnectionError:
-            continue  # it has left
-        except Exception as err:  # too few descriptors, above all
+            continue  # the browser is gone
+        except Exception as err:  # mostly too few descriptors
             logger.error("no connection can be accepted: %s", err)
             await asyncio.sleep(_SCARCE_S)
         await asyncio.sleep(places.wait_s())
@@ -124,7 +124,7 @@ async def _accept(
 async def run_page_server(
     sock: sockets.socket, socket: Path, state: Path, tell: Callable[[str], object]
 ) -> None:
-    """Serve until SIGINT or SIGTERM; `tell` is given the address to be opened, once."""
+    """Serve until SIGINT or SIGTERM; `tell` is called once, with the address to open."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,7 +1,7 @@
 """Runs on disk, for the page: read only, by name, and nothing but pictures and reports.
 
-What a browser names is only compared with what is there (`pdcd.runs.index`); no path is made of it.
-Files are opened through the state folder's descriptor, without following links, with limits.
+Names from a browser are only compared with existing ones (`pdcd.runs.index`); no path is made from
+them. Files are opened through the state folder's descriptor, without following links, with limits.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from pdcd.runs.place import UNFINISHED
 from pdcd.runs.walk import is_job, open_run_folder, open_state_folder
 
 _LISTED = 100
-"""Runs in the list, the newest."""
+"""Number of the newest runs in the list."""
 _PICTURES = "preview"
 """Folder of the pictures of a run."""
 MOST_REPORT_BYTES = 2**26
 MOST_PICTURE_BYTES = 2**25
 _MOST_NAMED = 200
-"""Pictures of one run that are looked at."""
+"""Most pictures of one run that are listed."""
 _RUNNING = "running"
-"""The picture of a run that still goes on."""
+"""Name of the picture of a run that is still going on."""
 
 _PICTURE = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _PICTURE_FILE = re.compile(rf"({_PICTURE.pattern})\.png")
@@ -53,8 +53,8 @@ class ShelfRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunShelf:
-    """The runs below a state folder. All methods read the disk, so they are not for an event
-    loop."""
+    """The runs below a state folder. All methods read the disk: do not call them in an event loop.
+    """
 
     def __init__(self, state: Path) -> None:
         self._state = state
@@ -75,7 +75,7 @@ class RunShelf:
     def run(self, job: str) -> ShelfRun:
         """One run, quick look or calibration, with its pictures.
 
-        Raises RequestError where there is none of that name, DiskError as `find_runs`.
+        Raises RequestError when there is none of that name, DiskError as `find_runs`.
         """
         entry, place = self._found(job)
         pictures = self._pictures(place, None if entry is None else entry.goal)
@@ -118,7 +118,7 @@ class RunShelf:
 
     @contextmanager
     def _opened(self, place: str) -> Iterator[int]:
-        """Descriptor of a folder of ours below the state folder. Raises OSError."""
+        """Descriptor of one of our folders below the state folder. Raises OSError."""
         with (
             open_state_folder(self._state) as (top, owners),
             open_run_folder(top, place, owners) as folder,
@@ -135,7 +135,7 @@ class RunShelf:
             return False
 
     def _pictures(self, place: str, goal: str | None) -> tuple[str, ...]:
-        """Names of pictures, the one of the goal first; none where they cannot be looked at."""
+        """Names of pictures, the one of the goal first; none if they cannot be read."""
         names = []
         try:
             with self._opened(f"{place}/{_PICTURES}") as folder, os.scandir(folder) as entries:

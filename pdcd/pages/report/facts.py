@@ -1,4 +1,4 @@
-"""What a page says in words and tables: verdict, figures, request, plan, rig, versions, files.
+"""The words and tables of a page: verdict, figures, request, plan, rig, versions, files.
 
 Everything here is plain text; `pdcd.pages.render` escapes it.
 """
@@ -19,14 +19,14 @@ from pdcd.words import SIGMA_KINDS
 
 _Rows = list[tuple[str, str]]
 MOST_ROWS = 400
-"""Rows of a table; a page says how many more there are."""
+"""Most rows of a table; a page says how many more there are."""
 _MOST_LETTERS = 4096
 
 
 @dataclass(frozen=True)
 class ReportTable:
-    """Rows below a title; `heads` where they have more than a name and a value. `closed` tables are
-    opened by a click."""
+    """Rows below a title; `heads` if rows have more than a name and a value. A `closed` table opens
+    at a click."""
 
     title: str
     rows: Sequence[Sequence[str]]
@@ -36,12 +36,12 @@ class ReportTable:
 
 
 def _in(form: str) -> Callable[[Any], str]:
-    """A value in a format; "-" for none."""
+    """A function that writes a value in a format; "-" for None."""
     return lambda value: "-" if value is None else form.format(value)
 
 
 _Column = tuple[str, str, Callable[[Any], str]]
-"""Words, the name of a value, and how it is written."""
+"""Head of a column, name of its value, and how to write it."""
 _SUMMARY: tuple[_Column, ...] = (
     ("error of pixels against the known truth", "rms_error_quads", to_percent),
     ("error of means over cells", "rms_error_cells", to_percent),
@@ -82,7 +82,7 @@ _REALISED: tuple[_Column, ...] = (
 
 
 def list_key_figures(manifest: Manifest, material: Material) -> _Rows:
-    """The first lines: what the picture is worth, and what it cost; what is not known has none."""
+    """The first lines: the picture's quality and its cost; unknown figures are left out."""
     told = {
         **manifest.summary,
         "error_bars": SIGMA_KINDS.get(material.kind, material.kind),
@@ -93,7 +93,7 @@ def list_key_figures(manifest: Manifest, material: Material) -> _Rows:
 
 
 def _field(projector: PanelConfig) -> str:
-    """Where the field lies, if that was measured."""
+    """Where the field lies, in words, if that was measured."""
     if projector.field_px is None:
         return ""
     left, top, wide, high = projector.field_px
@@ -158,7 +158,7 @@ def _realised(manifest: Manifest) -> ReportTable:
 
 
 def _given(told: Mapping[str, Any]) -> dict[str, Any]:
-    """Without what was left open."""
+    """The values without those that were left open."""
     return {name: value for name, value in told.items() if value not in (None, "", [], {}, ())}
 
 

@@ -1,9 +1,8 @@
 """The pictures of a page: sampled on the field as previews are, rounded, packed.
 
-A page shows the field as the projector sees it. A picture that the camera saw more finely than
-`MOST_REPORT_PX` is shrunk by area: a pixel then is the mean of several quads, and its sigma that of
-the mean, as far as it is noise of the sensor; the error of the codes is shared by neighbours and
-stays.
+A page shows the field as the projector sees it. A picture wider than `MOST_REPORT_PX` is shrunk by
+area: a pixel is then the mean of several quads. The sensor's noise in its sigma is that of the
+mean; the error of the codes stays, as neighbours share it.
 """
 
 from __future__ import annotations
@@ -33,26 +32,26 @@ from pdcd.runs.record import RunRecord
 from pdcd.sensor.bands import THREADS
 
 MOST_REPORT_PX = 1068
-"""Widest picture of a page: half of what a body of twelve million samples sees."""
+"""Widest picture of a page: half the width in quads of a body with twelve million samples."""
 MOST_PIXELS = 3_100_000
-"""Of all pictures of a page together, the truth included; each takes about four bytes."""
+"""Most pixels of all pictures of a page, the truth included; each takes about four bytes."""
 MOST_PICTURES = 8
-"""Pictures of a page; the answer is the first."""
+"""Most pictures of a page; the answer is the first."""
 _STEPS_A_SIGMA = 2.0
-"""Steps of a picture within the usual noise of the sensor: rounding adds 1 % to that."""
+"""Steps of a picture within the usual noise of the sensor: rounding adds 1 % to that noise."""
 _FINEST = 2.0**-14
-"""... but no finer than that share of its brightest value."""
+"""Smallest step, as a share of the picture's brightest value."""
 LARGE_PX = 2**18
-"""Pixels from which every second row and column of sigma is kept."""
+"""Pixels from which on only every second row and column of sigma is kept."""
 _NEARLY = 0.3
-"""Of a quad, by which squares of quads may be wider than a pixel of a page."""
+"""Part of a quad by which squares of quads may be wider than a pixel of a page."""
 _KIND = "picture"
 
 
 @dataclass(frozen=True)
 class AnswerTruth:
-    """What the answer is in truth, on the camera's quads: (h, w, C) in scene units, and where it
-    can be compared, (h, w)."""
+    """The truth of the answer on the camera's quads, (h, w, C) in scene units, and where it can be
+    compared, (h, w)."""
 
     image: NDArray[np.floating]
     seen: Bools
@@ -62,9 +61,9 @@ class AnswerTruth:
 class Layers:
     """Pictures of a page, packed.
 
-    data : what the page has of each. size_px : width and height. quads : to a pixel. scale : what a
-    scene unit is shown as at a factor of 1. balance : factors of the colours; only for the
-    eyes. left_out : names of pictures for which there was no room.
+    data : the page's data of each. size_px : width and height. quads : in a pixel. scale : how
+    bright a scene unit is shown at a factor of 1. balance : factors of the colours, for display
+    only. left_out : names of pictures for which there was no room.
     """
 
     data: list[dict[str, Any]]
@@ -77,8 +76,8 @@ class Layers:
 
 @dataclass(frozen=True)
 class _Seen:
-    """On the field: image (H, W, C), NaN where nothing is known, and its sigma, infinite there;
-    `noise` is the usual error by the sensor alone."""
+    """A picture on the field: image (H, W, C), NaN where it is not known, and its sigma, infinite
+    there; `noise` is the usual error by the sensor alone."""
 
     image: Singles
     sigma: Singles
@@ -86,7 +85,7 @@ class _Seen:
     noise: float
 
     def look(self, factors: tuple[float, ...]) -> ToneStats:
-        """What decides on its brightness, once it is balanced."""
+        """The balanced values that decide how bright it is shown."""
         some = (slice(None, None, choose_pixel_step(self.known)),) * 2
         image, known = self.image[some] * np.array(factors, np.float32), self.known[some]
         return ToneStats.of(image, known, compute_median_sigma(self.sigma[some], known))
@@ -100,7 +99,7 @@ def pack_layers(
 ) -> Layers:
     """Pack the first `MOST_PICTURES`, the answer first, and the answer's truth after them.
 
-    side : quads of the camera that one of the pictures is the mean of, each way.
+    side : quads of the camera, each way, whose mean is one pixel of the pictures.
     """
     size_px = choose_layer_size(len(pictures), view)
     sampler = FieldSampler(view, size_px)
@@ -128,8 +127,8 @@ def pack_layers(
 
 
 def choose_bin_side(pictures: int, record: RunRecord) -> int:
-    """Quads, each way, whose mean a page of so many pictures of a run can do with: nearly as many
-    as make a pixel of it."""
+    """Quads, each way, that can be averaged for a page of this many pictures: nearly as many as
+    make up one of its pixels."""
     cells = record.cells
     if cells is None:
         return 1
@@ -141,13 +140,13 @@ def choose_bin_side(pictures: int, record: RunRecord) -> int:
 
 
 def choose_layer_size(pictures: int, view: FieldView) -> tuple[int, int]:
-    """(width, height) of so many pictures of a page, and of a truth."""
+    """(width, height) of the pictures of a page with this many pictures and a truth."""
     each = MOST_PIXELS / (min(pictures, MOST_PICTURES) + 1)
     return view.size_px(1, min(MOST_REPORT_PX, int(math.sqrt(each * view.aspect))))
 
 
 def _chosen(names: list[str]) -> list[str]:
-    """The first ones, and the white one wherever it stands."""
+    """The first names, and the white picture's wherever it is."""
     first = names[:MOST_PICTURES]
     if WHITE_PICTURE in names and WHITE_PICTURE not in first:
         first[-1] = WHITE_PICTURE
@@ -157,10 +156,11 @@ def _chosen(names: list[str]) -> list[str]:
 def _sampled(
     pictures: Mapping[str, PictureWithErrors], sampler: FieldSampler, quads: float
 ) -> dict[str, _Seen]:
-    """Pictures of one run; all images before all errors, as a sampler remembers what was known."""
+    """Pictures of one run on the field; all images before all errors, as a sampler remembers which
+    quads were known."""
     known = {name: find_known_pixels(one.sigma, one.image) for name, one in pictures.items()}
     images = {name: sampler(one.image, known[name]) for name, one in pictures.items()}
-    # Where several quads share a pixel, one of them tells what the error of each is.
+    # Where several quads share a pixel, one of them gives the error of each.
     every = slice(None, None, int(math.sqrt(quads) + 0.01))
     found = {}
     for name, one in pictures.items():

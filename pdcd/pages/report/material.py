@@ -1,4 +1,4 @@
-"""What a page is made of, gathered from a decoded run while its pictures are at hand."""
+"""The parts of a page, gathered from a decoded run while its pictures are in memory."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from pdcd.runs.record import RunRecord
 from pdcd.verdict.error_budget import ErrorRow, make_error_budget
 
 DEFAULT_S = 0.3
-"""A page that costs less of a processor than that is made at the end of every capture."""
+"""A page that takes less processor time than this is made at the end of every capture."""
 _FIXED_S, _SHOT_S = 0.02, 3e-3
 _VALUE_S, _WEIGHT_S, _REFRESH_S = 9e-8, 1e-7, 1e-5
-"""Costs by size: of each value of a picture, of each entry of the factors, of each refresh."""
+"""Seconds for each value of a picture, for each entry of the factors, and for each refresh."""
 
 
 @dataclass(frozen=True)
 class Material:
-    """The parts of a page that need the photos; all else of it is in the manifest."""
+    """The parts of a page that need the photos; everything else on it is in the manifest."""
 
     layers: Layers
     matrices: list[dict[str, Any]]
@@ -49,7 +49,7 @@ class Material:
 
 
 def foreseen_page_s(record: RunRecord, decoded: DecodedRun) -> float:
-    """Processor time of a page by the size of the run, as measured on a machine of two cores."""
+    """Estimated processor time of a page, from the run's size; measured on a two-core machine."""
     width, height = choose_layer_size(len(decoded.pictures), decoded.view)
     pictures = min(len(decoded.pictures), MOST_PICTURES) + 1
     colours = len(record.responsivity_e)
@@ -81,8 +81,8 @@ def gather_material(
 ) -> Material:
     """Everything of a page but the manifest.
 
-    folder : where frames.csv lies. deviations : as of `make_error_budget`. Raises DecodeError for a
-    damaged one.
+    folder : the folder of frames.csv. deviations : as for `make_error_budget`. Raises DecodeError
+    if frames.csv is damaged.
     """
     truth = None
     if known is not None:

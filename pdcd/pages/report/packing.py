@@ -1,7 +1,7 @@
 """Numbers of a page: rounded to whole steps, compressed, as text; `unpack.js` unpacks them.
 
-Nothing that is rounded is shown without its error: every block says its step, or the share by which
-its values may be off.
+The error of rounding is always kept: every block has its step, or the share by which its values may
+be off.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 PackedBlock = dict[str, Any]
-"""A block of numbers as the page's data has it: `shape`, `kind`, and its bytes in base64."""
+"""A block of numbers in the page's data: `shape`, `kind`, and its bytes in base64."""
 
 MOST_STEPS = 32766
-"""Largest number of steps of a value."""
+"""Most steps of a value."""
 NO_VALUE = -32768
-"""Stands for no number."""
+"""The number that stands for NaN."""
 _SHARE = 0.02
 """Step of a logarithm: values are off by 1 %."""
 _PAIR = 255.0
@@ -34,8 +34,8 @@ def pack_linear(values: NDArray[np.floating], step: float) -> PackedBlock:
     with np.errstate(invalid="ignore"):
         steps = np.rint(np.clip(values / step, -MOST_STEPS, MOST_STEPS))
     whole = np.where(np.isfinite(values), steps, NO_VALUE).astype(np.int16)
-    # Neighbours are alike: what is kept is how a value differs from the one to its left, folded so
-    # that small differences of either sign have an empty upper byte.
+    # Neighbours are similar, so differences from the value to the left are kept, folded so that
+    # small ones of either sign have an empty upper byte.
     apart = np.diff(whole, axis=-1, prepend=np.int16(0))
     folded = ((apart << 1) ^ (apart >> 15)).view(np.uint16)
     halves = np.concatenate([(folded & 0xFF).ravel(), (folded >> 8).ravel()]).astype(np.uint8)
@@ -50,8 +50,8 @@ def choose_step(values: NDArray[np.floating], wanted: float) -> float:
 
 
 def pack_logarithmic(values: NDArray[np.floating]) -> PackedBlock:
-    """Values of 0 and more (..., H, W) as whole steps of their logarithm, off by at most the share
-    `off`; what is no number becomes infinite, as infinite ones stay, and 0 nearly 0."""
+    """Values from 0 on (..., H, W) as whole steps of their logarithm, off by at most the share
+    `off`. NaN becomes infinite, infinite values stay so, and 0 becomes nearly 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(values)
     logs = np.where(values == 0.0, -MOST_STEPS * _SHARE, logs)
@@ -63,9 +63,9 @@ def pack_logarithmic(values: NDArray[np.floating]) -> PackedBlock:
 
 
 def pack_factors(rows: NDArray[np.floating]) -> tuple[PackedBlock, NDArray[np.float32]]:
-    """Rows (R, N) of factors, each in steps of its own span, and what they come back as.
+    """Rows (R, N) of factors, each in steps of its own span, and their values when unpacked.
 
-    Rows of codes have two values, or few, and then come back all but exactly.
+    Rows of codes have two values, or a few, and are then unpacked almost exactly.
     """
     low, high = rows.min(axis=1), rows.max(axis=1)
     step = np.where(high > low, (high - low) / _PAIR, 1.0).astype(np.float32)
@@ -89,19 +89,19 @@ def pack_singles(values: NDArray[np.floating]) -> PackedBlock:
 
 
 def pack_integers(values: NDArray[np.integer]) -> PackedBlock:
-    """Whole numbers of 32 bits (..., n); near ones may be alike."""
+    """Whole numbers of 32 bits (..., n), of which neighbours are often similar."""
     data = np.diff(values.astype("<i4"), axis=-1, prepend=np.int32(0)).astype("<i4")
     return {"kind": "integers", "shape": list(values.shape), "data": _text(data, level=6)}
 
 
 def block_size_bytes(block: PackedBlock) -> int:
-    """How long a block is in the page, about."""
+    """Approximate size of a block in the page."""
     return sum(len(part) for part in block.values() if isinstance(part, str))
 
 
 def _text(data: NDArray[Any], level: int = 0) -> str:
-    """Bytes of an array, compressed, in base64. Without a `level`: as noise is, which repeats in
-    no other way than that some bytes are more frequent."""
+    """Bytes of an array, compressed, in base64. Without a `level` they are compressed as noise, in
+    which nothing repeats but some bytes are more frequent."""
     strategy = zlib.Z_DEFAULT_STRATEGY if level else zlib.Z_RLE
     packer = zlib.compressobj(level or 6, zlib.DEFLATED, 15, 9, strategy)
     raw = packer.compress(np.ascontiguousarray(data).tobytes()) + packer.flush()

@@ -1,5 +1,5 @@
 """The time line of a page (when each refresh of each shot came, and which were late) and its light
-budget: what became of the time and of the light of each shot.
+budget: how the time and the light of each shot were used.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pdcd.runs.frame_table import FRAMES_FILE, read_frame_columns
 from pdcd.runs.record import RunRecord, ShotRecord
 
 MOST_TIMELINE_REFRESHES = 60_000
-"""Refreshes that are told one by one; of further shots only what is late."""
+"""Most refreshes that are listed one by one; of further shots only late ones are."""
 _UNITS = 2_000_000_000
 """Longest time of a shot in units of the page: fits 31 bits."""
 _LATE_MISSED, _LATE_DROPPED, _BLACK = 1, 2, 4
@@ -26,7 +26,7 @@ _WANTED = ("t_primal_ns", "t_dual_ns", "missed", "dropped", "guard")
 
 
 def make_timeline(folder: Path, record: RunRecord) -> list[dict[str, Any]]:
-    """What the page has of each shot, in the order in which they were taken.
+    """The page's data on each shot, in the order in which the shots were taken.
 
     Times are whole numbers of `unit_s` from the opening of the shutter. Raises DecodeError for a
     damaged table.
@@ -69,7 +69,7 @@ def _shot(shot: ShotRecord, rows: np.ndarray[Any, Any], first_ns: int, *, every:
 
 
 def _units(times_ns: Any, unit_ns: int) -> Any:
-    """Whole units; what a forged table has beyond any exposure is cut off."""
+    """Times in whole units; times of a forged table beyond any exposure are clipped."""
     return np.clip(np.rint(times_ns / unit_ns), -_UNITS, _UNITS).astype(np.int64)
 
 
@@ -86,19 +86,19 @@ def _table(path: Path) -> dict[str, np.ndarray[Any, Any]]:
 
 
 MOST_SHOTS = 64
-"""Shots that are told one by one."""
+"""Most shots that are listed one by one."""
 _LOOKED_AT = 150
-"""Rows and columns of quads that are looked at."""
+"""Most rows and columns of quads that are sampled."""
 _TOP_PERCENT = 99.9
-"""The brightest sample is that which so many stay below."""
+"""The percentile of samples that counts as the brightest sample."""
 
 
 def make_light_budget(record: RunRecord, shots: Mapping[str, ExposedShot]) -> list[dict[str, Any]]:
-    """A line for each of the first `MOST_SHOTS` shots, shares of 1 and electrons.
+    """A line for each of the first `MOST_SHOTS` shots, in shares of 1 and electrons.
 
-    lit : of the exposure, for how long a point was both lit and seen (what direct light gets).
-    others : the same for all pairs of cells (what indirect light gets), open : the mask alone.
-    electrons : mean of green, or of grey; full : the brightest such sample over saturation.
+    lit : share of the exposure in which a point was both lit and seen (for direct light).
+    others : the same for all pairs of cells (for indirect light). open : for the mask alone.
+    electrons : mean of green, or of grey. full : the brightest of these samples over saturation.
     """
     return [
         _line(shot, shots[shot.name], record)
@@ -109,11 +109,11 @@ def make_light_budget(record: RunRecord, shots: Mapping[str, ExposedShot]) -> li
 
 def _line(shot: ShotRecord, exposed: ExposedShot, record: RunRecord) -> dict[str, Any]:
     exposure_s = max(shot.open_s, 1e-9)
-    level = shot.level or 1.0  # what the light of the shot was divided by
+    level = shot.level or 1.0  # the divisor of the shot's light
     realised, cells = exposed.realised, exposed.realised.coaxial.size
     down, across = (max(n // _LOOKED_AT, 1) for n in exposed.saturated.shape)
     light = exposed.light_at(slice(None, None, down), slice(None, None, across))
-    main = light.shape[-1] // 2  # green, or all there is
+    main = light.shape[-1] // 2  # green, or the only colour
     row = record.profile.row(shot.iso)
     electrons = light[..., main] * level * record.responsivity_e[main] / shot.f_number**2
     full_e = record.profile.saturation_dn(shot.iso) * row.gain_e_per_dn

@@ -1,8 +1,8 @@
 """Probing matrices of a page: as factors, from which the page makes the row of any cell.
 
-What was realised is ``left.T @ right`` with `coaxial` on its diagonal (`pdcd.probing.realised`),
-what is wanted is a sum of parts (`pdcd.probing.wanted`). Both are told as they are, rounded; how
-far a row may be off by rounding is measured at some cells and told, too.
+The realised matrix is ``left.T @ right`` with `coaxial` on its diagonal (`pdcd.probing.realised`),
+the wanted one is a sum of parts (`pdcd.probing.wanted`). A page has both in these forms, rounded,
+and the error of rounding in a row, measured at some cells.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pdcd.words import NormaliseName
 MOST_WEIGHT_BYTES = 3_000_000
 """Room for the matrices of all photos of a page."""
 MOST_WEIGHTS = 12_000_000
-"""Entries of both sides of a photo's factors that are packed at all: bounds the time."""
+"""Most entries of both factors of a photo that are packed at all; it bounds the time."""
 _MOST_PHOTOS = 6
 _LOOKS = 24
 """Cells at which the rounding of rows is measured."""
@@ -42,9 +42,9 @@ _LOOKS = 24
 def pack_matrices(
     recipe: Recipe, shots: Mapping[str, RealisedShot], normalise: NormaliseName
 ) -> list[dict[str, Any]]:
-    """What the page has of the first `_MOST_PHOTOS` photos, that of the answer first.
+    """The page's data on the matrices of the first `_MOST_PHOTOS` photos, the answer's first.
 
-    One for which there is no room has `missing`: why, in words.
+    A photo for which there is no room has `missing` instead: why, in words.
     """
     found: list[dict[str, Any]] = []
     room = MOST_WEIGHT_BYTES
@@ -78,7 +78,7 @@ def _told(one: WeighedMatrix, room: int) -> dict[str, Any]:
         "right": right,
         "coaxial": pack_singles(realised.coaxial),
         "weight": pack_singles(np.atleast_1d(one.weight_s)),
-        # What no page knows is left out as a whole, as a part of it would be wrong.
+        # A matrix with parts that the page cannot draw is left out; the rest of it would be wrong.
         "wanted": None if any(part is None for part in parts) else parts,
         "light": None if light is None else pack_singles(light),
         "off": _off(one, left_back, right_back),
@@ -86,7 +86,7 @@ def _told(one: WeighedMatrix, room: int) -> dict[str, Any]:
 
 
 def _off(one: WeighedMatrix, left: NDArray[np.float32], right: NDArray[np.float32]) -> float:
-    """Largest error of a weight by rounding, in rows of some cells spread over the grid."""
+    """Largest rounding error of a weight, in the rows of some cells spread over the grid."""
     cells = one.realised.coaxial.size
     some = np.unique(np.linspace(0, cells - 1, min(_LOOKS, cells)).astype(np.int64))
     exact = one.realised.left[:, some].T @ one.realised.right
@@ -102,7 +102,7 @@ def _parts(wanted: WantedMatrix) -> Iterator[dict[str, Any] | None]:
 
 
 def _part(part: MatrixPart) -> dict[str, Any] | None:
-    """A part as the page knows it; None for a matrix of numbers without structure."""
+    """A part in the page's form; None for a matrix of numbers without structure."""
     if type(part) not in _KINDS:
         return None
     kind, fields = _KINDS[type(part)]
@@ -120,4 +120,4 @@ _KINDS: Mapping[type, tuple[str, Mapping[str, Callable[[Any], Any]]]] = {
     GainPart: ("gained", {"camera": pack_singles, "part": _part}),
     IlluminatedPart: ("lit", {"projector": pack_singles, "part": _part}),
 }
-"""Parts that the page's script knows: what they are called there, and how each field is told."""
+"""Parts that the page's script knows: their names there, and how to encode each field."""

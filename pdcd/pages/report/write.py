@@ -1,4 +1,4 @@
-"""`report.html` of a run: one file that opens from the disk, without a network; its words, its
+"""Writes `report.html` of a run: one file that opens from the disk, without a network, with words,
 tables, and the data of its script."""
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ _SCRIPTS = ("unpack.js", "draw.js", "pictures.js", "matrix.js", "timeline.js", "
 
 
 def write_report(folder: Path, out: Path | None = None, watch: Watch | None = None) -> Path:
-    """Write the page of a finished run, or of one that was cut, and return where it is.
+    """Write the page of a finished or interrupted run, and return where it is.
 
-    out : the file; None is `report.html` in the run's folder. `watch` is told how far it is.
+    out : the file; None is `report.html` in the run's folder. `watch` hears of the progress.
 
-    The run is decoded anew, as only that tells the error of every pixel, but no finer than a page
-    shows it. Raises DecodeError when the manifest, codes, frame log or RAW files have changed,
+    The run is decoded anew, as only decoding gives the error of every pixel, but no finer than a
+    page shows it. Raises DecodeError when the manifest, codes, frame log or RAW files have changed,
     NoSpaceError, or DiskError for any other refusal of the disk.
     """
     watch = watch or Watch()
@@ -86,7 +86,7 @@ def render_report_page(manifest: Manifest, material: Material) -> str:
 
 
 def _told(manifest: Manifest, material: Material) -> dict[str, Any]:
-    """What the page's script works with."""
+    """The data for the page's script."""
     pictures = material.layers
     return {
         "job": to_one_line(manifest.job),
@@ -104,7 +104,7 @@ def _told(manifest: Manifest, material: Material) -> dict[str, Any]:
 
 
 _SAID = ("name", "tags", "note")
-"""Fields of a request that are shown as they were written."""
+"""Fields of a request that are shown as the user wrote them."""
 
 
 def _lines(value: object) -> list[str]:
@@ -113,7 +113,7 @@ def _lines(value: object) -> list[str]:
 
 
 def _sides(manifest: Manifest) -> list[tuple[str, str]]:
-    """What speaks for and against a photo: kind and words."""
+    """Reasons for and against a photo: kind and words of each."""
     found, told = manifest.quality, manifest.summary
     cut = [f"missing shots: {', '.join(manifest.missing)}"] if manifest.state == "partial" else []
     return [
