@@ -8,8 +8,8 @@
         run = bench.capture("indirect", codes=64)
     print(run.quality.verdict, run.image.mean())
 
-Every name in `__all__` is explained in docs/python.md. Nothing but these lines is loaded by
-`import pdcd`; each name brings what it needs when it is first used.
+Every name in `__all__` is explained in docs/python.md. `import pdcd` loads only these lines; each
+name loads what it needs when it is first used.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ _HOMES = {
     "open": ("pdcd.api.run", "open_run"),
     "sweep": ("pdcd.api.sweep", "sweep"),
 }
-"""Where each name is at home: a module, and what it is called there; None: the module itself."""
+"""Where each name is defined: a module, and its name there; None: the module itself."""
 
 
-if not TYPE_CHECKING:  # so that a type checker knows which names there are not
+if not TYPE_CHECKING:  # so that a type checker knows which names do not exist
 
     def __getattr__(name: str) -> object:
         try:

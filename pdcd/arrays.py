@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-"""What is summed or subtracted."""
+"""Arrays that are summed or subtracted."""
 Singles = NDArray[np.float32]
-"""What is large, and was rounded or counted."""
+"""Large arrays of values that were rounded or counted."""
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Bytes = NDArray[np.uint8]

@@ -1,13 +1,13 @@
 """Child processes: how one is started, talked to, watched, and killed.
 
 Four programs here have children: the display has its presenter, the daemon its worker, a shutter
-its guardian, a sweep those that take its photos. (Figures have a pool of the standard library, and
-the demo starts a daemon as a user would.) Each child gets one end of a socket pair, the number of
-that descriptor as the last word of its command, and a session of its own. Both sides hold a
-`MessageLine`, which carries whole messages. The parent also holds a `Child`, which knows whether
-the process lives and how it ended.
+its guardian, a sweep the processes that take its photos. (Figures use a pool of the standard
+library, and the demo starts a daemon as a user would.) Each child gets one end of a socket pair,
+the number of that descriptor as the last word of its command, and a session of its own. Both sides
+hold a `MessageLine`, which carries whole messages. The parent also holds a `Child`, which knows
+whether the process lives and how it ended.
 
-Either side may die at any time. The kernel then closes its end, and the other one is told.
+Either side may die at any time. The kernel then closes its end, and the other side notices.
 """
 
 from __future__ import annotations
@@ -33,24 +33,25 @@ from typing import Any, Generic, TypeVar
 from pdcd.errors import PdcdError
 
 LOOK_INTERVAL_S = 0.05
-"""Longest time between two calls of `alive` while something is waited for."""
+"""Longest time between two calls of `alive` during a wait."""
 _PACKET_BYTES = 1 << 18
-"""Longest message that the socket takes: a little more than the kernel lets it."""
+"""Longest message that is received: a little more than the kernel allows on the socket."""
 SHORT_BYTES = 1 << 15
-"""Longest pickle that goes through the socket; longer ones go by memory, which is faster."""
+"""Longest pickle that goes through the socket; longer ones go through memory, which is faster."""
 REAP_S = 5.0
-"""How long the kernel may take to bury a killed process."""
+"""How long the kernel may take to remove a killed process."""
 _STATUS_S = 0.1
 """How long a process may live on after its end of the line was closed."""
 _FIRST_VICTIM = "500"
-"""For oom_score_adj: where the machine runs out of memory, this process goes before its parent."""
+"""For oom_score_adj: when memory runs out, the kernel ends this process before its parent."""
 _PR_SET_PDEATHSIG = 1
-"""Of sys/prctl.h: the signal that comes when the parent's thread that started this process ends."""
+"""From sys/prctl.h: sets the signal to this process when the parent's thread that started it ends.
+"""
 
 
 def list_end_signals() -> list[signal.Signals]:
-    """Signals by which somebody wants this process to end; a terminal that closes is none where it
-    is not to be heard (nohup)."""
+    """Signals that ask this process to end; SIGHUP is not one of them where it is ignored (nohup).
+    """
     heard = signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
     return [signal.SIGTERM, signal.SIGINT, *([signal.SIGHUP] if heard else [])]
 
@@ -71,8 +72,8 @@ _Alive = Callable[[], object]
 class Codec(Generic[_Heard]):
     """How messages become bytes.
 
-    by_memory : a long one goes as a descriptor of anonymous memory that holds it, and no message
-        brings a descriptor of its own.
+    by_memory : long messages are sent as a descriptor of anonymous memory; messages then cannot
+        carry a descriptor of their own.
     """
 
     encode: Callable[[Any], bytes]
@@ -85,16 +86,16 @@ def _pickled(message: object) -> bytes:
 
 
 PICKLES: Codec[Any] = Codec(_pickled, pickle.loads, by_memory=True)
-"""For a child that is the same program of the same user, so what comes is trusted. Nothing that a
-client sent may ever be read as a pickle."""
+"""For a child that is the same program of the same user, whose messages can be trusted. Data from a
+client must never be read as a pickle."""
 WORDS: Codec[bytes] = Codec(str.encode, bytes)
-"""For a child that imports nothing of pdcd."""
+"""For a child that imports nothing from pdcd."""
 
 
 class MessageLine(Generic[_Heard]):
-    """One end of the talk, for one thread at a time: each message comes whole or not at all.
+    """One end of the line, for one thread at a time: each message comes whole or not at all.
 
-    While it waits, `alive` is called at least every `LOOK_INTERVAL_S`; whatever it raises ends the
+    During a wait, `alive` is called at least every `LOOK_INTERVAL_S`; whatever it raises ends the
     wait.
     """
 
@@ -103,7 +104,7 @@ class MessageLine(Generic[_Heard]):
 
     @classmethod
     def at(cls, fd: int, codec: Codec[_Heard]) -> MessageLine[_Heard]:
-        """The child's end, by the number that its command ends with."""
+        """The child's end; `fd` is the last word of its command."""
         return cls(socket.socket(fileno=fd), codec)
 
     def __enter__(self) -> MessageLine[_Heard]:
@@ -150,8 +151,8 @@ class MessageLine(Generic[_Heard]):
     def receive(self, *, within_s: float | None = None, alive: _Alive | None = None) -> _Heard:
         """The next message.
 
-        Raises LineClosedError when the other side is gone, LineSilentError when it says nothing for
-        `within_s`.
+        Raises LineClosedError when the other side is gone, LineSilentError when it sends nothing
+        for `within_s`.
         """
         return self.receive_with_fd(within_s=within_s, alive=alive)[0]
 
@@ -164,7 +165,8 @@ class MessageLine(Generic[_Heard]):
             try:
                 data, fds, *_ = socket.recv_fds(self._end, _PACKET_BYTES, 1)
             except ConnectionResetError:
-                # It ended with something unread, which is told first; what it said is still there.
+                # The other side ended with unread messages, which is reported first; its own last
+                # message can still be read.
                 data, fds, *_ = socket.recv_fds(self._end, _PACKET_BYTES, 1)
         if not data:
             raise LineClosedError
@@ -176,14 +178,14 @@ class MessageLine(Generic[_Heard]):
             os.close(fds[0])
 
     def _decoded(self, data: bytes | mmap.mmap) -> _Heard:
-        """The message; one that is none is the end of the talk, as nothing behind it is sure."""
+        """The message; an invalid one ends the line, as nothing after it can be trusted."""
         try:
             return self._codec.decode(data)
         except Exception as err:
             raise LineClosedError from err
 
     def wait(self, within_s: float | None = None, alive: _Alive | None = None) -> bool:
-        """Whether there is something to hear within that time: a message, or the end."""
+        """Whether a message, or the end of the line, comes within that time."""
         try:
             self._wait_until_ready(select.POLLIN, within_s, alive)
         except LineSilentError:
@@ -194,7 +196,7 @@ class MessageLine(Generic[_Heard]):
         poller = select.poll()
         try:
             poller.register(self._end, event)
-        except ValueError:  # it was hung up at this end, by another thread
+        except ValueError:  # this end was closed by another thread
             raise LineClosedError from None
         until_s = None if within_s is None else time.monotonic() + within_s
         while True:
@@ -211,7 +213,7 @@ class MessageLine(Generic[_Heard]):
 
 
 def _memory_of(data: bytes) -> int:
-    """A descriptor of anonymous memory that holds this, which the caller closes."""
+    """A descriptor of anonymous memory that holds the data; the caller closes it."""
     fd = os.memfd_create("pdcd", os.MFD_CLOEXEC)
     try:
         rest = memoryview(data)
@@ -225,7 +227,7 @@ def _memory_of(data: bytes) -> int:
 
 @contextmanager
 def _failure_as_end() -> Iterator[None]:
-    """Whatever else fails on a socket pair, the talk has ended."""
+    """Treat any other failure of a socket pair as the end of the line."""
     try:
         yield
     except OSError as err:
@@ -249,7 +251,7 @@ class Child(Generic[_Heard]):
         return self.process.poll() is None
 
     def how_it_ended(self) -> str:
-        """In words that follow on "the process"."""
+        """How it ended, in words that continue "the process"."""
         with suppress(subprocess.TimeoutExpired):
             status = self.process.wait(_STATUS_S)
             if status >= 0:
@@ -260,16 +262,15 @@ class Child(Generic[_Heard]):
         return "closed its end"
 
     def kill(self, reap_s: float = REAP_S) -> None:
-        """End it before it hears that this end is closed; wait so long until it is gone.
+        """End it before it notices that this end is closed; wait up to `reap_s` until it is gone.
 
-        Where it takes the kernel longer, it is buried by a later `start_child` or `reap`.
-        Idempotent.
+        If the kernel takes longer, a later `start_child` collects it. Idempotent.
         """
         self.process.kill()
         self.hang_up(reap_s)
 
     def hang_up(self, reap_s: float) -> None:
-        """Close this end, which ends a sound process; wait so long until it is gone."""
+        """Close this end, which ends a sound process; wait up to `reap_s` until it is gone."""
         self.line.close()
         try:
             self.process.wait(reap_s)
@@ -280,12 +281,12 @@ class Child(Generic[_Heard]):
 
 
 _unburied: list[subprocess.Popen[bytes]] = []
-"""Processes that have been killed or left, and whose end nobody has seen yet."""
+"""Processes that were killed or left, but whose end has not been collected yet."""
 _lock = threading.Lock()
 
 
 def _bury() -> None:
-    """Let go of those that have ended since."""
+    """Collect the processes that have ended since."""
     with _lock:
         _unburied[:] = [process for process in _unburied if process.poll() is None]
 
@@ -300,17 +301,17 @@ def start_child(
     environment: Mapping[str, str] | None = None,
     error: Callable[..., PdcdError] = PdcdError,
 ) -> Child[_Heard]:
-    """Start a program; returns at once, before it is warm.
+    """Start a program; returns at once, before it is ready.
 
     command : its words, to which the number of its end of the line is added.
     what : the process in words, for the error.
     inherits : further descriptors that it gets.
-    deaf : it is born with every signal blocked that can be.
+    deaf : it starts with every signal blocked that can be blocked.
     environment : its variables, None for those of this process.
-    error : makes the error that is raised where the process cannot be had.
+    error : makes the error that is raised when the process cannot be started.
     """
     _bury()
-    # Of packets: a message is never received, or sent, in part.
+    # A socket of packets: a message is never received, or sent, in part.
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs:
         try:
@@ -320,7 +321,7 @@ def start_child(
                     pass_fds=(*inherits, theirs.fileno()),
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
-                    # A session of its own: the terminal's Ctrl-C and hang-up are not for it.
+                    # A session of its own: the terminal's Ctrl-C and hang-up do not reach it.
                     start_new_session=True,
                     env=environment,
                 )
@@ -334,23 +335,23 @@ def start_child(
 
 
 def make_module_command(module: str) -> tuple[str, ...]:
-    """The command of a module of ours; no module of the current folder is taken for it."""
+    """The command of one of our modules; modules in the current folder cannot shadow it."""
     return sys.executable, "-P", "-m", module
 
 
 def make_child_environment() -> Mapping[str, str]:
     """This process's environment with one thread for linear algebra, unless it says otherwise.
 
-    More gain nothing on arrays of our size, and each takes of the memory that a child may have.
+    More threads gain nothing on arrays of our size, and each takes memory from the child's limit.
     """
     return {"OMP_NUM_THREADS": "1", **os.environ}
 
 
 @contextmanager
 def _signals_blocked(blocked: bool) -> Iterator[None]:
-    """Block every signal in this thread: a process that it starts then is born so, and stays so.
+    """Block every signal in this thread, so that a process it starts has them blocked for good.
 
-    The C library leaves out the two that it keeps for itself, 32 and 33.
+    The C library leaves out signals 32 and 33, which it uses itself.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals() if blocked else ())
     try:
@@ -363,15 +364,15 @@ def _signals_blocked(blocked: bool) -> Iterator[None]:
 
 
 def ignore_signals() -> None:
-    """Leave it to the parent when this process ends: a Ctrl-C in its terminal is not for here, nor
-    is the signal that systemd sends to all processes of a service."""
+    """Let the parent decide when this process ends: ignore a Ctrl-C in the parent's terminal, and
+    the signal that systemd sends to all processes of a service."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 
 
 def end_with_parent() -> None:
     """`ignore_signals`, but die with the parent's thread that started this process, whatever this
-    one is at: while it works it does not look at its line."""
+    one is doing: while it works it does not read its line."""
     ignore_signals()
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     with suppress(OSError):
@@ -379,10 +380,10 @@ def end_with_parent() -> None:
 
 
 def limit_memory(limit_bytes: int) -> None:
-    """Let this process have so much memory, for good."""
-    import resource  # which Windows lacks, where runs are only read
+    """Limit the memory of this process, for good."""
+    import resource  # missing on Windows, where runs are only read
 
-    # Data, not addresses: libraries reserve addresses by the gigabyte that they never touch.
+    # Data, not addresses: libraries reserve gigabytes of addresses that they never touch.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     most = limit_bytes if hard == resource.RLIM_INFINITY else min(limit_bytes, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (most, most))

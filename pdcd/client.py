@@ -52,14 +52,14 @@ _Arrays = Mapping[str, Sendable]
 """Arrays of a request by field: paths, or numpy arrays."""
 _NONE: _Arrays = MappingProxyType({})
 _Jobs = list[JobView]
-"""Under a name of its own, as `Client.list` hides that of the type."""
+"""Defined here, as inside `Client` the name `list` is a method."""
 
 INTAKE_TIMEOUT_S = 30.0
-"""Time allowed to the daemon for reading the arrays of a request, in seconds."""
+"""Longest time for the daemon to read the arrays of a request, in seconds."""
 _DISK_TIMEOUT_S = 60.0
-"""Time allowed to an answer for which many files are read, in seconds."""
+"""Longest time for an answer that reads many files, in seconds."""
 _ENGINE_TIMEOUT_S = 60.0
-"""Time allowed to an answer that needs the devices, in seconds."""
+"""Longest time for an answer that needs the devices, in seconds."""
 
 
 class Client(LineTalk):
@@ -124,7 +124,7 @@ class Client(LineTalk):
         return self._answer(request_id, limit_s, on_event)
 
     def answer(self, method: str, params: Mapping[str, object], *, timeout_s: float | None) -> Any:
-        """As `call`, for as long as it takes where `timeout_s` is None."""
+        """As `call`, but without a limit where `timeout_s` is None."""
         return self._answer(self._send(method, params), timeout_s, None)
 
     def capture(
@@ -142,9 +142,9 @@ class Client(LineTalk):
         numpy arrays: "illumination", "kernel" ..., and "prior" and "codes_from", which are files.
         They are passed on as open files; the daemon needs no right to them.
 
-        A detached job is returned as it stands (queued or running). On KeyboardInterrupt the job
-        is cancelled, its end is awaited, and its result is returned. What `on_event` raises is
-        raised once the job has been cancelled and has ended.
+        A detached job is returned in its present state (queued or running). On KeyboardInterrupt
+        the job is cancelled, its end is awaited, and its result is returned. An exception from
+        `on_event` is raised again once the job has been cancelled and has ended.
         """
         if on_event is not None:
             self.call("events.subscribe", {"jobs": "own"})
@@ -162,8 +162,8 @@ class Client(LineTalk):
     ) -> CaptureResult:
         """Have the bench measure itself and wait for the end.
 
-        With `request.attended`, `answer(text)` is called for whatever a person has to do, and
-        returns when it is done. On KeyboardInterrupt the job is cancelled, and its end awaited.
+        With `request.attended`, `answer(text)` is called for each thing that the user has to do,
+        and returns when it is done. On KeyboardInterrupt the job is cancelled, and its end awaited.
         """
         self.call("events.subscribe", {"jobs": "own"})
 
@@ -186,7 +186,7 @@ class Client(LineTalk):
     def cancel(self, job: str) -> CaptureResult:
         """End a job; returns when the panels are black and the shutter is closed.
 
-        Where a device takes long over that, the result is in state "running", within a second:
+        If a device takes long, the result is returned within a second, in state "running": then
         `wait` for the end.
         """
         return self._result("capture.cancel", job, None)
@@ -217,8 +217,8 @@ class Client(LineTalk):
     def plan(
         self, request: CaptureRequest, *, arrays: _Arrays = _NONE, queue: bool = False
     ) -> PlanSummary:
-        """What a capture would do; `arrays` as in `capture`. With `queue`, waits for
-        whatever holds the rig, however long."""
+        """What a capture would do; `arrays` as in `capture`. With `queue`, waits without limit for
+        whatever holds the rig."""
         params = {**msgspec.to_builtins(request), "queue": queue}
         request_id = self._send_with(arrays, "capture.plan", params)
         limit_s = None if queue else _ENGINE_TIMEOUT_S
@@ -236,8 +236,8 @@ class Client(LineTalk):
     ) -> CaptureResult:
         """Show what the camera's finder sees while the panels hold a pattern of `show`.
 
-        `on_frame` takes each picture, the newest when it is asked, and returns whether that is
-        enough; KeyboardInterrupt is, too. picture : whether JPEGs are wanted.
+        `on_frame` takes each picture, always the newest, and returns whether that is enough.
+        KeyboardInterrupt also ends the view. picture : whether JPEGs are wanted.
         """
         begun = self.call("preview.live", {"pattern": pattern, "index": index})
         job, number, enough = convert_reply(begun, Admission).job, 0, False
@@ -255,8 +255,8 @@ class Client(LineTalk):
     def start_stream(
         self, request: StreamRequest, *, arrays: _Arrays = _NONE, queue: bool = False
     ) -> str:
-        """Begin a stream; the name of its job, which ends with this connection. `arrays` as in
-        `capture`."""
+        """Begin a stream, and return the name of its job, which ends with this connection. `arrays`
+        as in `capture`."""
         params = {**msgspec.to_builtins(request), "queue": queue}
         request_id = self._send_with(arrays, "stream.start", params)
         return convert_reply(self._answer(request_id, INTAKE_TIMEOUT_S, None), Admission).job
@@ -312,8 +312,9 @@ class Client(LineTalk):
         *,
         detach: bool = False,
     ) -> CaptureResult:
-        """Wait for a job that was just asked for: `hear` gets its events. KeyboardInterrupt
-        cancels it: then `on_event` gets them. What `hear` raises cancels it, too."""
+        """Wait for a job that was just requested; `hear` gets its events. KeyboardInterrupt cancels
+        the job, and `on_event` gets the events from then on. An exception from `hear` also cancels
+        it."""
         started, hearing = None, False
 
         def heard(event: Event) -> None:
@@ -333,7 +334,7 @@ class Client(LineTalk):
         except KeyboardInterrupt:
             return self._ended(request_id, started, on_event)
         except Exception:
-            if hearing:  # else it came from the daemon, which knows what became of the job
+            if hearing:  # else it came from the daemon, which knows how the job ended
                 with contextlib.suppress(PdcdError, UnreachableError):
                     self._ended(request_id, started, _unheard)
             raise
@@ -341,13 +342,13 @@ class Client(LineTalk):
     def _ended(
         self, request_id: int, started: Admission | None, on_event: EventHandler | None
     ) -> CaptureResult:
-        """Cancel a job that was asked for, and wait for its end; first for its name, if need be."""
+        """Cancel a requested job, and wait for its end; first for its name, if not yet known."""
         if started is None:
             started = convert_reply(self._answer(request_id, self._timeout_s, on_event), Admission)
         return self._end(started.job, on_event)
 
     def _end(self, job: str, on_event: EventHandler | None) -> CaptureResult:
-        """Cancel a job, and wait for its end however long that takes."""
+        """Cancel a job, and wait for its end without limit."""
         result = self._result("capture.cancel", job, on_event)
         return self._wait(job, on_event) if result.state == "running" else result
 
@@ -355,7 +356,7 @@ class Client(LineTalk):
         return self._result("capture.wait", job, on_event)
 
     def _result(self, method: str, job: str, on_event: EventHandler | None) -> CaptureResult:
-        """Ask for a job's result and wait for as long as it takes; events of this job only."""
+        """Ask for a job's result and wait for it without limit; only events of this job count."""
 
         def only_this(event: Event) -> None:
             if on_event is not None and event.job == job:
@@ -376,4 +377,4 @@ class Client(LineTalk):
 
 
 def _unheard(event: Event) -> None:
-    """Nobody listens any more."""
+    """Ignore an event: nobody listens any more."""

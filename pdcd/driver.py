@@ -4,23 +4,23 @@
 
     from pdcd.driver import DriverContext, Frames, Shutter, read_options
 
-Whatever moves inside pdcd, these names are found here. Nothing inside pdcd imports from here; our
-own drivers do. docs/new-driver.md explains how a driver is written.
+These names stay here, whatever moves inside pdcd. Nothing inside pdcd imports from here; our own
+drivers do. docs/new-driver.md explains how to write a driver.
 
-Roles, each a Protocol that a class of yours answers (an entry point names it)
+Roles, each a Protocol that a class of yours implements (an entry point names it)
 - `Display`            shows frames on projector and mask, in step, and logs when
 - `Shutter`            opens and closes the exposure
-- `TimedShutter`       the same, and wants to know how long the exposure will be
-- `Readout`            sets the camera up and brings its photo home
-- `RecheckingReadout`  the same, and finds its photos in files which others write
+- `TimedShutter`       the same, but must know how long the exposure will be
+- `Readout`            sets the camera up and fetches its photo
+- `RecheckingReadout`  the same, but finds its photos in files that others write
 - `Preview`            the camera's finder; a bench may lack it
 
-What crosses them
+Values that pass between pdcd and a driver
 - `DriverContext`      what `create` gets: configuration, clock, sign of life, the one camera
 - `Patience`           one deadline and one cancel for every loop that waits for a device
 - `Clock`              the only source of time; `RealClock` is the machine's
 - `DisplayInfo`        the two panels as found
-- `CameraInfo`         what the camera is, and how it answers to light
+- `CameraInfo`         what the camera is, and how it responds to light
 - `CameraSettings`     settings of one exposure
 - `Frames`, `FrameLog` what both panels are asked to show row by row, and what they did
 - `BLACK`, `WHITE`     pattern indices of a panel that is black, or fully lit
@@ -29,29 +29,29 @@ What crosses them
 
 Tools for displays
 - `panels_of`          both panels as the configuration places them
-- `draw`               the exact pixels that a panel must show at a row
+- `draw`               the exact pixels that a panel must show for a row
 - `draw_planes`        the RGB picture that carries 24 rows, for DLPs
 - `draw_plane_words`   the same, as one word a pixel
 - `check_fit`          for `load`: refuses what a panel cannot show
 - `check_binary`       for `load`: refuses grey levels, which bit planes cannot show
 - `check_row_times`    for `load`: refuses rows with dark time or a delay of their own
-- `streams`            what each panel is sent where the mask is delayed
-- `play_all`           plays frames, and again what was missed, as the rig wants it
+- `streams`            what each panel is sent when the mask is delayed
+- `play_all`           plays frames, and repeats missed ones as the rig is configured
 - `join_logs`          the log of several passes
 
 Tools for cameras
 - `write_dng`          samples -> a RAW file
-- `read_raw`           a RAW file -> samples; `RAW_SUFFIXES` says how such files are called
+- `read_raw`           a RAW file -> samples; `RAW_SUFFIXES` lists the suffixes of RAW files
 - `read_tags`          the tags of a RAW file, and whether it is whole
-- `find_gap`           the part of a RAW file that is still to come
+- `find_gap`           the part of a RAW file that is still missing
 - `WatchedFolder`, `WatchedFile`    a folder that others write into: listed, read and hashed
-  with care; what it tells of a name
+  with care; the status of one name in it
 - `to_one_line`        text from outside, fit to show
 - `decode_jpeg`        a picture that a finder sent
 - `load_profile`       the sensor profile that [camera] names
-- `responsivity_e`     what `CameraInfo` says of the answer to light
+- `responsivity_e`     what `CameraInfo` says about the response to light
 
-Options and what a doctor says
+Options, and findings of a doctor
 - `read_options`       reads the `options` table of a role into a struct of yours
 - `merge_camera_options`    the same for a camera that fills both roles, from either table
 - `Config`, `CameraConfig`, `TriggerConfig`    tables of the configuration
@@ -63,15 +63,15 @@ Errors: a driver raises these and no others
 - `DeviceLost`         the device does not answer
 - `SyncError`          the panels missed refreshes, or cannot be kept in step
 - `ExposureError`      the shutter or the exposure went wrong, or no photo came; `PhotoError`
-  where only the photo was lost, and taking it again may do
+  if only the photo was lost, and taking it again may help
 - `DecodeError`        a file that the camera sent cannot be read
 - `NoSpaceError`, `DiskError`    the disk; `disk_errors` turns OSError into them
 - `Cancelled`          `cancelled()` was true while frames were shown
 - `PdcdError`          the base of all
 
-`pdcd.testing` holds all that these roles promise against a driver of yours.
+`pdcd.testing` tests a driver of yours against everything that these roles promise.
 
-Each name brings what it needs when it is first used, so that a process that guards a shutter need
+Each name loads what it needs when it is first used, so that a process that guards a shutter need
 not load what reads photos.
 """
 
@@ -242,10 +242,10 @@ _ROOMS = {
     "pdcd.sensor.tiff": ("read_tags",),
     "pdcd.sensor.whole": ("find_gap",),
 }
-"""Where each name is at home."""
+"""The module in which each name is defined."""
 
 
-if not TYPE_CHECKING:  # so that a type checker knows which names there are not
+if not TYPE_CHECKING:  # so that a type checker knows which names do not exist
 
     def __getattr__(name: str) -> object:
         for module, names in _ROOMS.items():

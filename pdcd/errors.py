@@ -12,7 +12,7 @@
     ├── DeviceLost           device_lost     a device stopped answering or was never there
     ├── SyncError            sync            the panels missed refreshes
     ├── ExposureError        exposure        the shutter or the exposure went wrong
-    │   └── PhotoError       exposure        its photo was lost; taking it again may do
+    │   └── PhotoError       exposure        its photo was lost; taking it again may help
     ├── DecodeError          decode          a RAW file or a run folder cannot be read
     ├── PlanError            plan            planning died, hung, or ran out of memory
     ├── CalibrationError     calibration     photos of a calibration cannot be trusted
@@ -108,8 +108,8 @@ class ExposureError(PdcdError):
 
 
 class PhotoError(ExposureError):
-    """The photo of an exposure was lost, is not whole, or did not see all of it: nothing is broken,
-    and taking it again may do. Whoever takes photos does so, as often as the rig allows."""
+    """The photo of an exposure was lost, is not whole, or did not see all of it. Nothing is broken,
+    and taking it again may help: it is taken again as often as the rig allows."""
 
 
 class DecodeError(PdcdError):
@@ -137,7 +137,7 @@ class NoSpaceError(PdcdError):
 
 
 class DiskError(PdcdError):
-    """The disk refuses to be written to or read, for another reason than that it is full."""
+    """The disk refuses to be written to or read, for a reason other than being full."""
 
     kind = "disk"
 
@@ -149,19 +149,19 @@ class Cancelled(PdcdError):  # noqa: N818
 
 
 KINDS = tuple(sorted({c.kind for c in PdcdError.__subclasses__()} | {PdcdError.kind}))
-"""Every `kind` a client may meet."""
+"""Every `kind` that a client may see."""
 
 
 def make_error(
     kind: str | None, message: str | None, device: str | None = None, hint: str | None = None
 ) -> PdcdError:
-    """The error that a result or a message on the wire tells of; an unknown kind is the base."""
+    """The error in a result or in a message on the wire; an unknown kind becomes PdcdError."""
     known = {c.kind: c for c in PdcdError.__subclasses__()}
     return known.get(kind or "", PdcdError)(message or "", device=device, hint=hint)
 
 
 def restore_error(fields: Mapping[str, str | None] | None) -> PdcdError:
-    """The error of `to_error_fields`; for whoever has a result and is to raise what it ended by."""
+    """The error from the fields of `to_error_fields`, to raise the error that ended a job."""
     told = fields or {}
     return make_error(*(told.get(name) for name in ("kind", "message", "device", "hint")))
 
@@ -178,9 +178,9 @@ def to_error_fields(error: PdcdError) -> dict[str, str | None]:
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _SCARCE = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN)
-"""What the system says when a process, or all of them, have as much as there may be."""
+"""The system's errors when a process, or all processes together, have reached a limit."""
 _MOST_TOLD = 1000
-"""Characters of a message made of somebody else's error."""
+"""Most characters of a message made from a foreign error."""
 
 
 @contextmanager
@@ -194,17 +194,17 @@ def disk_errors(device: str) -> Iterator[None]:
 
 
 def to_typed_error(error: BaseException) -> PdcdError:
-    """Whatever was raised, as an error that a client can be told.
+    """Any exception as an error that can be sent to a client.
 
-    Called where a request, a job or a command ends. What is no error of ours is a fault of the
-    program, unless the system refused something: then it is the error of that.
+    Called where a request, a job or a command ends. An exception that is not one of our errors is a
+    fault of the program, unless the system refused something: then it becomes the error for that.
     """
     if isinstance(error, PdcdError):
         return error
     said = _said_by(error)
     if isinstance(error, MemoryError) or "can't start new thread" in said:
         return _to_disk_error(OSError(errno.ENOMEM, said or "out of memory"), None, "")
-    # Devices and connections raise it, too; of files there is a name.
+    # Devices and connections raise OSError, too; only errors of files have a name.
     if isinstance(error, OSError) and (error.filename or error.errno in (*_FULL, *_SCARCE)):
         return _to_disk_error(error, None, f"cannot use {error.filename!r:.200}")
     message = f"{type(error).__name__}: {said}"
@@ -214,7 +214,7 @@ def to_typed_error(error: BaseException) -> PdcdError:
 def _said_by(error: BaseException) -> str:
     try:
         return str(error)[:_MOST_TOLD]
-    except Exception:  # an error of somebody else's making, which cannot even be told
+    except Exception:  # a foreign error whose text cannot even be made
         return "it cannot be told"
 
 

@@ -1,7 +1,7 @@
-"""Packages that only some commands need, and the line that installs one where pdcd runs.
+"""Packages that only some commands need, and the shell line that installs one for this pdcd.
 
-A plain installation reads runs: it opens, verifies, reports and exports them. What drives the
-devices of a bench is in the extra `bench`, and what other commands need in extras of their own.
+A plain installation reads runs: it opens, verifies, reports and exports them. Packages that drive
+the devices of a bench are in the extra `bench`; other commands have extras of their own.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SOURCE_ROOT = Path(__file__).resolve().parents[1]
 """The checkout, or the folder of installed packages."""
 
 TARGETS = {"aiohttp": "web", "jupyterlab": "notebook"}
-"""What `make` sets up from a checkout, by the package that it is about."""
+"""Targets of `make` in a checkout that install a package, by package."""
 
 OPTIONAL = ("aiohttp", "aravis-python", "distributed", "gphoto2", "jupyterlab", "matplotlib")
 """All packages of other extras that may be missing."""
@@ -31,19 +31,18 @@ BENCH = {
     "serial": "pyserial",
     "usb": "pyusb",
 }
-"""What the extra `bench` brings, by the name that is imported: drivers of real devices alone need
-it."""
+"""Packages of the extra `bench`, by the name that is imported; only drivers of real devices need
+them."""
 WITH_BENCH = "primal-dual-coding[bench]"
-"""What is installed for it; the name of the distribution is not that of the package."""
+"""What to install for it; the distribution has another name than the package."""
 
 
 def suggest_install(package: str) -> str:
     """A shell's line that installs `package` into the environment that this process runs in.
 
-    Whoever misses a package gives it as the hint of the error. In the environment that `make` has
-    made beside a checkout it is a target of the Makefile, where there is one for the package.
-    Environments often lack a pip of their own; then that of the Python outside is told to serve
-    this one.
+    It is the hint of the error for a missing package. In the environment that `make` has made in a
+    checkout it is a target of the Makefile, if there is one for the package. Environments often
+    lack a pip of their own; then the line uses the pip of the Python outside.
     """
     target = TARGETS.get(package, "")
     if target and _is_made_here() and _has_target(target):
@@ -60,10 +59,10 @@ def suggest_install(package: str) -> str:
 
 
 def explain_missing(error: ModuleNotFoundError) -> DriverUnavailable | None:
-    """The error to raise for a module that was not found, where the extra `bench` brings it; None
-    where it does not.
+    """The error to raise for a module that was not found, if the extra `bench` contains it; else
+    None.
 
-    Whoever runs a command or loads a driver asks, with what an import raised.
+    It is called with the error of a failed import, when a command is run or a driver is loaded.
     """
     package = BENCH.get((error.name or "").partition(".")[0])
     if package is None:
@@ -75,8 +74,8 @@ def explain_missing(error: ModuleNotFoundError) -> DriverUnavailable | None:
 
 
 def require_bench(*modules: str) -> None:
-    """Raise DriverUnavailable where one of these modules, keys of `BENCH`, is not installed. Asked
-    by whoever starts a process that imports them, as its own error would be lost."""
+    """Raise DriverUnavailable if one of these modules, keys of `BENCH`, is not installed. Call it
+    before starting a process that imports them, as that process' own error would be lost."""
     for module in modules:
         if importlib.util.find_spec(module) is None:
             missing = explain_missing(ModuleNotFoundError(name=module))
@@ -98,7 +97,7 @@ def _has_target(name: str) -> bool:
 
 
 def _outer_python() -> str:
-    """A Python outside of this environment: while that is active, it is `python3` itself."""
+    """The command of a Python outside this environment."""
     found = which("python3")
     if found is not None and not Path(found).is_relative_to(sys.prefix):
         return "python3"

@@ -1,4 +1,4 @@
-"""What was probably meant by something that cannot be taken: numbers and words, for refusals."""
+"""Guesses what was meant by a number or word that must be refused, for the error's hint."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from collections.abc import Iterable
 _PER_UNIT = {"ms": 0.001, "s": 1.0, "sec": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0}
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)"
 _MOST_READ = 64
-"""Characters of a text beyond which nobody meant a number; expressions may take their square."""
+"""Longest text that may have been meant as a number; matching may take quadratic time."""
 _PAIR = re.compile(r"\s*(\d+)\s*[x,;* -]\s*(\d+)\s*")
 
 
 def suggest_word(text: str, words: Iterable[str]) -> str:
-    """The one of some words that is nearest to a text; "" where none is near."""
+    """The word that is nearest to a text; "" where none is near."""
     near = difflib.get_close_matches(text, list(words), n=1)
     return near[0] if near else ""
 
@@ -26,10 +26,10 @@ def suggest_pair(text: str) -> tuple[str, str] | None:
 
 
 def suggest_number(text: str, *, whole: bool = False) -> str:
-    """A number that was probably meant, in plain digits; "" where none can be told.
+    """The number that was probably meant, in plain digits; "" if it cannot be guessed.
 
     Units of time and minutes:seconds become seconds, fractions and percentages numbers, and commas
-    points. `whole` : whether only whole numbers are taken.
+    points. `whole` : whether only whole numbers are allowed.
     """
     shown, found = text.strip().lower(), None
     if len(shown) > _MOST_READ:

@@ -1,4 +1,5 @@
-"""Texts and shares made fit to show: no forged lines in a log, no orders to terminal or browser."""
+"""Makes texts and shares fit to show: no forged lines in a log, no commands to a terminal or
+browser."""
 
 from __future__ import annotations
 
@@ -11,10 +12,10 @@ from typing import Any
 
 
 def to_one_line(text: str) -> str:
-    """The text on one line, with what cannot be seen in it as JSON escapes it (``\\n``).
+    """The text on one line, with invisible characters escaped as in JSON (``\\n``).
 
-    That covers newlines, terminal escapes, marks that turn the direction of writing, and halves of
-    characters. A JSON text stays one, with the same value.
+    That covers newlines, terminal escapes, marks that change the direction of writing, and
+    surrogates. A JSON text stays valid, with the same value.
     """
     if text.isprintable():
         return text
@@ -22,24 +23,25 @@ def to_one_line(text: str) -> str:
 
 
 def to_indented_lines(text: str) -> str:
-    """A text of several lines: each as `to_one_line` has it, all but the first indented.
+    """A text of several lines: each as from `to_one_line`, all but the first indented.
 
-    So no further line can be taken for a message of its own.
+    So no later line can be mistaken for a message of its own.
     """
     first, *more = (to_one_line(line) for line in text.split("\n"))
     return "\n".join([first, *("  " + line.removeprefix("  ") for line in more)])
 
 
 def write_stderr(text: str) -> None:
-    """Write a text for people, if there still is somebody: nothing fails because they do not hear,
-    a photo least of all."""
+    """Write a text for the user, if stderr is still there: nothing fails because it is not, least
+    of all a photo."""
     with contextlib.suppress(OSError, ValueError):
         sys.stderr.write(text)
         sys.stderr.flush()
 
 
 def to_html(words: object) -> str:
-    """Any text as HTML, also of a quoted attribute, that shows it and does nothing else."""
+    """Any text as HTML that shows the text and does nothing else, also inside a quoted attribute.
+    """
     return html.escape(to_one_line(str(words)))
 
 
@@ -53,16 +55,16 @@ def to_percent(share: Any) -> str:
 
 
 def _escaped(character: str) -> str:
-    # JSON leaves DEL as it is.
+    # JSON does not escape DEL.
     return "\\u007f" if character == "\x7f" else json.dumps(character)[1:-1]
 
 
 def keep_standard_streams() -> None:
-    """Put the null device where descriptor 0, 1 or 2 is closed, by whoever started us or a driver's
-    library: the next file that is opened would get its number, and what is printed."""
+    """Put the null device where descriptor 0, 1 or 2 was closed, by our parent or a driver's
+    library: otherwise the next opened file would get that number, and printed text with it."""
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            null = os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
-            os.set_inheritable(null, True)  # children have three as well
+            null = os.open(os.devnull, os.O_RDWR)  # gets the lowest free number: this one
+            os.set_inheritable(null, True)  # children need all three as well

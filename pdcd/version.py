@@ -1,3 +1,3 @@
-"""The version of the program; it lies here so that no room has to import the package's own door."""
+"""The version of the program; it is here so that no module has to import the package itself."""
 
 __version__ = "1.0.0"

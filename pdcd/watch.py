@@ -1,4 +1,4 @@
-"""Who watches a long computation: hears that it lives and how far it is, and may end it."""
+"""Watching a long computation: it gives signs of life, reports its progress, and can be ended."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from contextlib import contextmanager
 
 
 def _nobody(*told: float) -> None:
-    """Stands for one who does not listen."""
+    """Ignore what is reported."""
 
 
 class Watch:
     """Given to a computation, which calls it every few hundredths of a second.
 
-    Work is counted in units of whatever the computation likes, as long as each takes about the same
-    time. It says first what is to be expected, then what of it is done. `alive` hears every sign of
-    life, `step` how much is done, of how much; either may raise, which ends the work. `stage` says
-    in a few words what is worked on, where the computation says so.
+    Work is counted in any units, as long as each takes about the same time. The computation first
+    says how many units to expect, then how many are done. `alive` is called at every sign of life,
+    `step` with the work done and the work in all; either may raise to end the work. `stage` says in
+    a few words what is being worked on, if the computation sets it.
     """
 
     def __init__(
@@ -35,15 +35,15 @@ class Watch:
         self._alive()
 
     def step(self, done: float, total: float) -> None:
-        """Tell how much is done, of how much."""
+        """Report the work done and the work in all."""
         self._step(done, total)
 
     def expect(self, units: float) -> None:
-        """There is so much more to do."""
+        """Add `units` to the work that is to be done."""
         self._total += units
 
     def did(self, units: float) -> None:
-        """So much more of what was expected is done; a sign of life, too."""
+        """Report `units` more of the expected work as done; also a sign of life."""
         self._done = min(self._done + units, self._total)
         self()
         if self._total > 0.0:
@@ -51,10 +51,10 @@ class Watch:
 
     @contextmanager
     def piece(self, units: float, signs: int | None = None) -> Iterator[Callable[[], None]]:
-        """A piece of what was expected, during which about so many signs of life are given.
+        """A piece of the expected work, during which about `signs` signs of life are given.
 
-        Each sign counts for its share, or for a tenth of what is left where nobody knows how many
-        there will be; the rest is done when the piece is.
+        Each sign counts for its share; if their number is not known (None), for a tenth of what is
+        left. The rest counts as done at the end of the piece.
         """
         left = units
 
