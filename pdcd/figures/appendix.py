@@ -27,20 +27,21 @@ from pdcd.sensor.snr import (
 
 
 def takes(mode: FigureMode) -> dict[str, FigureTake]:
-    """Nothing is photographed: these are formulas."""
+    """No captures: these are formulas."""
     return {}
 
 
 def shown(mode: FigureMode, photos: Photos) -> Iterator[FigurePlot | BoundedNumber]:
-    """Every number that the appendix prints, and what becomes of them with less light and with
-    better sensors."""
+    """Every number that the appendix prints, and the same with less light and with better sensors.
+    """
     yield _over_time()
     yield _over_noise()
     yield from map(_number_of, compute_appendix_rows())
 
 
 def _number_of(row: PrintedRow) -> BoundedNumber:
-    """A printed number, to be met to its last digit: rounded, or cut where the paper cut it."""
+    """A printed number, which ours must equal to its last digit: rounded, or cut where the paper
+    cut it."""
     digits = len(row.printed.partition(".")[2])
     step, printed = 10.0**-digits, float(row.printed)
     least = printed if row.truncated else printed - 0.5 * step

@@ -1,10 +1,10 @@
 """The virtual bench of the figures: the paper's hardware, as it is believed and as it really is.
 
 A projector of 1024 x 768 and an LCD mask of 1600 x 1200 pixels at 60 Hz, behind them a camera like
-the paper's. Nothing lies on one grid: the camera stands a little askew behind its lens, the mask is
-turned and larger than the field. The truth differs from what is believed as after a calibration by
-hand: the mask is 2 projector pixels off, the lens softer, the panels slower. 4 pixels, a quarter
-of a cell, are what the paper's codes stand.
+the paper's. No two devices share a grid: the camera stands a little askew behind its lens, the mask
+is turned and larger than the field. The truth differs from what is believed as after a calibration
+by hand: the mask is 2 projector pixels off, the lens softer, the panels slower. The paper's codes
+tolerate 4 pixels, a quarter of a cell.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from pdcd.sensor.profile import load_profile, responsivity_e
 
 PROJECTOR_PX, _MASK_PX = (1024, 768), (1600, 1200)
 _FILLED = 0.94
-"""Share of the frame's height that the field takes."""
+"""Share of the frame's height that the field fills."""
 _CAMERA_TURN_DEG, _MASK_TURN_DEG, _MASK_SCALE = -1.2, 0.3, 1.02
 _LENS = (0.008, 0.0)
 _BLUR_QUADS = 0.5
 _SAMPLES = 2
-"""Points along either side of a quad at which the light is looked at."""
+"""Points along either side of a quad at which the light is sampled."""
 _PROJECTOR: dict[str, Any] = {
     "skew_s": 4e-4,
     "rise_s": 1.5e-3,
@@ -51,15 +51,15 @@ _PROJECTOR: dict[str, Any] = {
 _MASK: dict[str, Any] = {"skew_s": 2e-3, "rise_s": 2e-3, "fall_s": 3e-3, "contrast": 400.0}
 """Panels as they were measured. A slower mask would still be open when the next code is lit."""
 _REMAINDER_PX = 4.0
-"""Misregistration that the bench is believed to have at most, in projector pixels."""
+"""Largest misregistration that the bench is believed to have, in projector pixels."""
 
 _TRUE_CAMERA_TURN_DEG, _TRUE_CAMERA_SHIFT_PX = 0.02, (0.3, -0.2)
 _TRUE_MASK_TURN_DEG, _TRUE_MASK_OFFSET_PX = 0.01, (1.6, -1.1)
-"""What the truth adds to what is believed."""
+"""Differences of the truth from what is believed."""
 BORDER_PX = 2.0
-"""Border of the field in which nothing is compared, in projector pixels: the panels are misplaced
-by about half of that, so that along one side the mask is closed where the projector is lit. On
-the camera's own quads such a line is seen, and would be most of the error of a good photo."""
+"""Border of the field in which nothing is compared, in projector pixels. The panels are misplaced
+by about half of that, so that along one side the mask is closed where the projector is lit. The
+camera's quads resolve this line, and it would be most of the error of a good photo."""
 
 
 def make_figure_config(take: FigureTake, mode: FigureMode, folder: Path) -> Config:
@@ -101,7 +101,7 @@ def make_figure_config(take: FigureTake, mode: FigureMode, folder: Path) -> Conf
 
 
 def _find_aperture(f_number: float | None, profile: str) -> float | Literal["auto"]:
-    """The aperture that fills a sensor as much as the paper's is at that one; "auto" for none."""
+    """The aperture that fills a sensor as much as `f_number` fills the paper's; "auto" for None."""
     if f_number is None:
         return "auto"
     fills = []
@@ -113,13 +113,14 @@ def _find_aperture(f_number: float | None, profile: str) -> float | Literal["aut
 
 
 def count_equal_photos(profile: str) -> int:
-    """Photos by a sensor that add up to the light of one by the paper's: to no more noise of a
-    filled pixel, over its light and over all colours, of photons and of reading."""
+    """Photos by a sensor that match one photo by the paper's: together a full pixel has no more
+    photon and read noise, relative to its light and averaged over its colours."""
     return math.ceil(_relative_variance(profile) / _relative_variance(PAPER_PROFILE))
 
 
 def _relative_variance(profile: str) -> float:
-    """Of the colours of a pixel whose brightest sample is full, over their light, in squares."""
+    """Relative variance of a pixel whose brightest sample is full: variance over light squared,
+    averaged over its colours."""
     body = load_profile(profile)
     row, of_unit = body.rows[0], responsivity_e(CameraConfig(), body.colours)
     full_e = body.saturation_dn(row.iso) * row.gain_e_per_dn
@@ -154,7 +155,7 @@ def _mask(more_deg: float) -> Placing:
 
 
 def _camera(quads: tuple[int, int], more_deg: float, shift_px: tuple[float, float]) -> Placing:
-    """A frame of square quads of which the field fills most of the height, a little turned.
+    """A frame of square quads, a little turned; the field fills most of its height.
 
     shift_px : of the camera's picture on the field, in projector pixels.
     """

@@ -1,4 +1,4 @@
-"""All figures by the number they are asked for."""
+"""All figures by their numbers."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ FIGURES: dict[str, PaperFigure] = {
         appendix.FIGURE,
     )
 }
-"""In the order of the page."""
+"""Figures by number, in the order of the page."""
 
 
 def choose_figures(numbers: Sequence[str]) -> list[PaperFigure]:
-    """These figures in the order of the page; none named is all. Raises ConfigError."""
+    """The named figures in the order of the page; all if none is named. Raises ConfigError."""
     unknown = [number for number in numbers if number not in FIGURES]
     if unknown:
         raise ConfigError(

@@ -1,6 +1,6 @@
 """From linear light and lines to PNG files: one scale of brightness a row, one style of plots.
 
-matplotlib is an extra, and is loaded where a plot is drawn.
+matplotlib is an extra, and is only loaded when a plot is drawn.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from pdcd.pictures.written.picture_files import draw_caption
 from pdcd.pictures.written.previews import encode_gamma
 
 _LEAST_PX = 480
-"""Width of a picture, at least: what is narrower is enlarged, so that its strip can be read."""
+"""Least width of a picture; a narrower one is enlarged, so that its strip can be read."""
 _LARGER = 1.5
-"""Letters of the strips: up to four pictures stand in a row."""
+"""Factor on the letters of strips, as up to four pictures stand in a row."""
 SHOWN = (0.0, 0.25, 1.0)
-"""Of the scale of greys, linear."""
+"""Values on the scale of greys, linear."""
 _RIM = 0.008
-"""Share of the width that is cut off at each side, where quads see only a part of the field."""
+"""Share of the width that is cut off at each side, where quads see the field only in part."""
 UNKNOWN = 60
-"""Grey of what no quad of the camera shows."""
+"""Grey of places that no quad of the camera shows."""
 _DPI, _SIZE_IN = 110, (5.6, 3.8)
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#555555", "#56b4e9")
-"""Colours of the lines of a plot: those of Okabe and Ito, told apart without red and green."""
+"""Colours of the lines of a plot, by Okabe and Ito: distinct without telling red from green."""
 MARKERS = "osD^vPX"
 """Shapes of their points, in the same order."""
 
 
 def draw_row(row: PanelRow) -> list[Bytes]:
-    """All panels of a row as they are to be seen, (H, W, 3) uint8 each, with their strips."""
+    """All panels of a row, drawn with their strips, (H, W, 3) uint8 each."""
     usual = white_of(row.panels[0].image) or 1.0
     return [_drawn(panel, panel.white or usual) for panel in row.panels]
 
 
 def white_of(image: NDArray[Any]) -> float:
-    """Scene units that are shown as white, so that the brightest hundredth of a picture gets to
-    `LEVEL` or more; 0 for one without light."""
+    """Scene units that are shown as white, so that the brightest hundredth of a picture reaches
+    `LEVEL` or more; 0 for a picture without light."""
     known = image[np.isfinite(image)]
     return float(np.percentile(np.abs(known), LEVEL_PERCENT)) / LEVEL if known.size else 0.0
 
@@ -85,7 +85,7 @@ def _with_strip(pixels: Bytes, caption: str, marks: tuple[tuple[int, str], ...])
 
 
 def check_plots() -> None:
-    """Raise ConfigError, with what to install, where no plot can be drawn."""
+    """Raise ConfigError, which says what to install, if no plot can be drawn."""
     try:
         import matplotlib  # noqa: F401
     except ImportError as err:
@@ -110,7 +110,7 @@ def draw_plot(plot: FigurePlot) -> bytes:
 
 
 def _fill(axes: Any, plot: FigurePlot) -> None:
-    """Everything of a plot on axes of matplotlib, labels small."""
+    """Draw a plot on axes of matplotlib, with small labels."""
     axes.grid(alpha=0.3)
     axes.tick_params(labelsize=10)
     for line in plot.lines:

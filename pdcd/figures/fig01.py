@@ -1,7 +1,7 @@
 """Figure 1: all light, indirect light from one photo, and direct light as their difference.
 
-One scene with every effect that the paper names. The star inside its wax disk is covered by the
-wax: only light that went deep knows of it, so that it is in the indirect picture alone.
+One scene with every effect that the paper names. The star inside its wax disk is covered by wax:
+only light that went deep reaches it, so only the indirect picture shows it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pdcd.figures.places import average_patch
 
 _SCENE = "still-life"
 _BOUNDS = {"ours": (0.10, 0.07), "paper": (0.20, 0.13)}
-"""Of the errors by either codes, on the quick and on the full page."""
+"""Bounds of the errors with either codes, on the quick and on the full page."""
 _STAR, _WAX = (0.26, 0.59), (0.195, 0.66)
 """(x, y) on the field: inside the star, and on the wax beside it."""
 _PICTURES = {
@@ -48,7 +48,7 @@ def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | BoundedNumber
     yield PanelRow.of(ours.pictures, _PICTURES, "our codes")
     yield PanelRow.of(papers.pictures, _PICTURES, "the paper's codes")
     yield PanelRow.of(ours.truths, _PICTURES, "the truth")
-    # Direct light is made by subtracting, so that the sum is white to the last digit.
+    # Direct light is computed by subtraction, so that the sum is white to the last digit.
     total = ours.pictures["direct"] + ours.pictures["indirect"]
     off = float(np.nanmean(np.abs(ours.pictures["white"] - total)))
     yield BoundedNumber("direct + indirect - white, mean, scene units", off, most=1e-5)

@@ -33,11 +33,11 @@ _PARTS: dict[str, tuple[float, float]] = {
     "book: a fan to either side": (0.38, 0.66),
     "mirror: lines across": (0.64, 0.98),
 }
-"""Magnified parts, as shares of the field's width."""
+"""Parts that are magnified, as shares of the field's width."""
 _LINES = {"wax": 0.25, "book": 0.46, "mirror": 0.76}
-"""Camera cells of which a line is drawn, as shares of the field's width."""
+"""Camera cells whose rows of T are drawn as lines, as shares of the field's width."""
 _DEEPEST = 1e-3
-"""Share of the brightest entries that is still shown."""
+"""Darkest entries that are still shown, as a share of the brightest."""
 
 
 def _row_of(mode: FigureMode) -> int:
@@ -49,8 +49,8 @@ def takes(mode: FigureMode) -> dict[str, FigureTake]:
     """The slice, and the scene itself."""
     row = _row_of(mode)
     return {
-        # A still-life under one row of light has detail within its cells: a cell of many values is
-        # measured as its mean, which lies some per cent beside what its own transport says.
+        # Under one row of light a still-life has detail within its cells. A cell is measured as the
+        # mean of its values, which differs by some per cent from its own transport.
         "slice": FigureTake(
             "still-life", "transport", {"rows": (row, row)}, bound=0.11, said="S-matrix"
         ),
@@ -59,7 +59,7 @@ def takes(mode: FigureMode) -> dict[str, FigureTake]:
 
 
 def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | BoundedNumber]:
-    """The scene with its row marked, the slice beside its truth, and four parts of it."""
+    """The scene with its row marked, the slice next to its truth, and four parts of it."""
     found, truth = average_entries(photos["slice"])
     top, cols = float(np.percentile(truth.diagonal(), 95.0)), mode.grid[1]
     marked = _mark_row(photos["scene"].image, _row_of(mode), mode.grid[0])
@@ -82,21 +82,21 @@ def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | 
     yield BoundedNumber(what, share, true - 0.03, true + 0.03, percent=True)
     far = float(np.corrcoef(found[~near], truth[~near])[0, 1])
     yield BoundedNumber("correlation with the truth further off the diagonal", far, least=0.95)
-    # Off the diagonal a path and its way back carry the same light through the same colours; what
-    # is left is noise, and detail within cells.
+    # Off the diagonal a path and its reverse carry the same light through the same colours; they
+    # differ only by noise, and by detail within cells.
     back = float(np.sum(found[~near] * found.T[~near]) / np.sum(np.square(found)[~near]))
     yield BoundedNumber("a path and its way back, correlated, further off", back, least=0.9)
 
 
 def average_entries(photo: FigurePhoto) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Measured and true entries in one grey, (C, J); 0 where nothing is known."""
+    """Measured and true entries as one grey, (C, J); 0 where nothing is known."""
     if photo.transport is None or photo.transport_truth is None:
         raise ValueError("no entries were photographed")
     return np.nan_to_num(photo.transport).mean(axis=-1), photo.transport_truth.mean(axis=-1)
 
 
 def _shades(entries: NDArray[Any], top: float) -> NDArray[np.uint8]:
-    """Entries as pixels by the logarithm: `top` is white, `_DEEPEST` of it black."""
+    """Entries as pixels on a logarithmic scale: `top` is white, `_DEEPEST` of it is black."""
     share = np.log10(np.maximum(entries / top, _DEEPEST)) / np.log10(_DEEPEST)
     drawn: NDArray[np.uint8] = np.rint(255.0 * np.clip(1.0 - share, 0.0, 1.0)).astype(np.uint8)
     return drawn

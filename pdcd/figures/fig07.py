@@ -1,8 +1,8 @@
 """Figure 7: three ways to one picture in the same time, at the same aperture.
 
-Path isolation lights one cell and opens one cell at a time. Naively every pair of cells has its
-slot; in proportion only those that are wanted have one. Codes use half of all cells at any time.
-All are exact, but their light, and so their noise, are not alike.
+Path isolation lights one cell and opens one cell at a time. The naive way gives every pair of cells
+a slot; the proportional way only the wanted pairs. Codes use half of all cells at any time. All
+ways are exact, but they gather different amounts of light, and so have different noise.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pdcd.sensor.profile import load_profile
 from pdcd.words import FamilyName, GoalName
 
 GRID = (4, 6)
-"""Cells of these photos: pairs grow with the square of their number."""
+"""Rows and columns of cells of these photos; few, as pairs grow with the square of their number."""
 _CELLS = GRID[0] * GRID[1]
 _SECONDS = 9.7
 """Exposure of each photo: one refresh for each pair of cells, at 60 Hz."""
@@ -37,9 +37,10 @@ _BOUNDS: dict[GoalName, tuple[float, float]] = {
     "diagonal": (0.018, 0.021),
     "indirect": (0.15, 0.23),
 }
-"""Of the quick and of the full page, whose quads see the borders of cells more sharply."""
+"""Bounds of the errors on the quick and on the full page, whose quads see the borders of cells more
+sharply."""
 _LEAST_GAIN = 4.0, 2.7
-"""By which codes are better for indirect light, on either."""
+"""Least factor by which codes are better for indirect light, on either page."""
 _WAYS: dict[str, FamilyName] = {
     "naive": "isolation",
     "proportional": "confocal",
@@ -54,16 +55,16 @@ _ASKED = {
     "parts": 1,
     "codes": 32,
 }
-"""Codes are at least as many as cells, so that they are exact, too."""
+"""Fields of every request; there are at least as many codes as cells, so that codes are exact."""
 _PAPER_CELLS = 3072
 
 
 def list_fig07_takes(mode: FigureMode) -> dict[str, FigureTake]:
-    """Either goal by three ways, before a bench whose panels show every refresh as it is."""
+    """Either goal in three ways, on a bench whose panels show every refresh as it is."""
     found = {}
     for goal, f_number in _F_NUMBERS.items():
         for way, family in _WAYS.items():
-            # Of signed codes a photo shows every one twice.
+            # With signed codes, a photo shows each code twice.
             exposure_s = _SECONDS / (1 + (goal == "diagonal" and way == "codes"))
             white = goal != "indirect"
             found[f"{goal}, {way}"] = FigureTake(
@@ -83,19 +84,19 @@ def list_fig07_takes(mode: FigureMode) -> dict[str, FigureTake]:
 
 
 def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | BoundedNumber]:
-    """Both goals by all ways beside the truth, and noise over the number of cells."""
+    """Both goals in all ways next to the truth, and noise against the number of cells."""
     for goal in _F_NUMBERS:
         truth = photos[f"{goal}, codes"].truth
         white = white_of(truth)
         panels = [FigurePanel(photos[f"{goal}, {way}"].image, way, white) for way in _WAYS]
         yield PanelRow((*panels, FigurePanel(truth, "truth", white)), goal)
     yield _noise()
-    # N slots instead of N^2 have N times the light: sqrt(N) of noise where photons decide, N
-    # where read noise does. Error of what is not noise is no more than the bound of codes.
+    # With N slots instead of N^2 there is N times the light: noise is less by sqrt(N) if photons
+    # dominate it, by N if read noise does. Errors other than noise are within the codes' bound.
     yield _gain(photos, "diagonal", "the proportional", 0.7 * _CELLS**0.5, 1.3 * _CELLS)
-    # All but N of the pairs are wanted: nothing is gained.
+    # All pairs but N are wanted, so nothing is gained.
     yield _gain(photos, "indirect", "the proportional", 0.8, 1.3)
-    # A quarter of the light against 1/N^2 of it; what codes have left is borders of cells.
+    # A quarter of the light against 1/N^2 of it; the remaining error of codes is at cell borders.
     yield _gain(photos, "indirect", "codes", mode.bound(*_LEAST_GAIN), None)
 
 
@@ -105,7 +106,7 @@ def _gain(photos: Photos, goal: str, over: str, least: float, most: float | None
 
 
 def _noise() -> FigurePlot:
-    """What one pixel's noise is, by the sensor model: signal and read noise of one photo."""
+    """The noise of one pixel by the sensor model: signal and read noise of one photo."""
     body = load_profile("450d")
     read_e, full_e = body.row(100).read_noise_e, 0.13 * body.full_well_e
     cells = np.geomspace(4, 1e5, 100)

@@ -1,7 +1,8 @@
-"""Figure 8: direct light beside less and less of the indirect, p = 1/2 to 1/16, equally bright.
+"""Figure 8: direct light with less and less indirect light, p = 1/2 to 1/16, equally bright.
 
 Codes that light both panels alike, in a share p of the time, keep direct light and p of the
-indirect: a photo is D + p S. As direct light counts p as well, smaller p get as many more codes.
+indirect: a photo is D + p S. Direct light is also lit only a share p of the time, so the number of
+codes grows as 1/p.
 """
 
 from __future__ import annotations
@@ -32,15 +33,15 @@ _SCENE = "milky-bottle"
 _PRINTED = {2: 64, 4: 128, 8: 256, 16: 512}
 """1/p -> codes as printed."""
 _BOUNDS = {2: 0.026, 4: 0.03, 8: 0.037, 16: 0.046}
-"""Of the error of our photos: it grows as fewer paths share the light."""
+"""Bounds of the error of our photos: it grows as fewer paths share the light."""
 POINTS = {"milk": (0.50, 0.42), "wall": (0.16, 0.34)}
 """(x, y) on the field: in the milk above the label, and on a tile of the wall."""
 
 
 def list_fig08_takes(mode: FigureMode) -> dict[str, FigureTake]:
-    """All light, and four shares of the indirect with either codes."""
+    """All light, and four shares of indirect light with either codes."""
     found = {"white": FigureTake(_SCENE, "white", said="all light")}
-    # Each cell is lit in exactly p of the codes; the coins of the paper are not so even.
+    # Each cell is lit in exactly a share p of our codes; the paper's coins are less even.
     for below, printed in _PRINTED.items():
         found[f"1/{below}, ours"] = take_coded(
             "ours",
@@ -59,7 +60,7 @@ def list_fig08_takes(mode: FigureMode) -> dict[str, FigureTake]:
 
 
 def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | BoundedNumber]:
-    """Photos from all light to the least indirect, and two points of them over p."""
+    """Photos from all light to the least indirect light, and two of their points against p."""
     white = photos["white"].image
     level = white_of(white)
     for by, (_, words) in CODERS.items():
@@ -77,7 +78,7 @@ def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | 
         slope, start = _line(shares, values)
         true_slope, true_start = _line(shares, truth[name])
         share, true = slope / (slope + start), true_slope / (true_slope + true_start)
-        # Without indirect light the line would be flat; the milk's falls to less than half.
+        # Without indirect light the line would be flat; in the milk it falls to less than half.
         what = f"{name}: indirect share of all light, from the line"
         yield BoundedNumber(what, share, true - 0.02, true + 0.02, percent=True)
         what = f"{name}: direct light at p = 0, over the true one"
@@ -94,7 +95,7 @@ def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | 
 
 
 def read_points(images: Sequence[Image]) -> dict[str, Any]:
-    """Brightness of both points in pictures, an array each, of green or of grey."""
+    """Brightness of both points in the pictures, one array a point, in green or in grey."""
     return {
         name: np.array([average_patch(image, at) for image in images])
         for name, at in POINTS.items()
@@ -102,7 +103,7 @@ def read_points(images: Sequence[Image]) -> dict[str, Any]:
 
 
 def _line(shares: Any, values: Any) -> tuple[float, float]:
-    """Slope and value at p = 0 of a straight line through the photos that are coded."""
+    """Slope and value at p = 0 of a straight line through the coded photos."""
     slope, start = np.polyfit(shares[1:], values[1:], 1)
     return float(slope), float(start)
 

@@ -1,11 +1,11 @@
 """Figure 9: a resolution chart on the back of a tank of milky water, seen through the milk.
 
 Two photos. (c) keeps all direct light and a sixteenth of the rest; (d) keeps all light that began
-one cell beside and a sixteenth of the rest (an eighth each in a quick figure: the codes of a
-sixteenth are 256 at least). Milk sends light back as much to a cell as to the next,
-so their difference (e) is free of it: what is left are direct light less that of the next
-cell. What is checked is the contrast of the chart's bars, dark against light: of two areas
-of brightness a and b it is (b - a) / (b + a), and 1 is black on white.
+one cell to the side and a sixteenth of the rest (an eighth each in a quick figure, as a sixteenth
+needs at least 256 codes). Milk sends as much light back to a cell as to the next one, so their
+difference (e) is free of it: it is direct light less that from the next cell. The figure checks the
+contrast of the chart's bars, dark against light: for two areas of brightness a and b it is
+(b - a) / (b + a), and 1 is black on white.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def list_fig09_takes(mode: FigureMode) -> dict[str, FigureTake]:
     found = {
         "white": FigureTake(CHART_SCENE, "white", LIKE_THE_PAPER, bound=0.022, said="floodlit")
     }
-    # Coins err by what the milk sends back, which is all there is in the tank. From beside comes
-    # little light, less with the paper's p: there noise is most of the error.
+    # The error of coins comes from light that the milk sends back, nearly all light in the tank.
+    # Little light comes from the next cell, less with the paper's p: there noise dominates.
     bounds = {"ours": (0.042, mode.bound(0.057, 0.11)), "paper": (0.26, 0.48)}
     c, d = {"p": _p(mode)}, {"p": _p(mode), "shift": _BESIDE}
     for by, (of_c, of_d) in bounds.items():
@@ -65,7 +65,7 @@ def _p(mode: FigureMode) -> float:
 
 
 def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | BoundedNumber]:
-    """Floodlit, (c), (d) and (e), by either codes and in truth."""
+    """Floodlit, (c), (d) and (e), with either codes and in truth."""
     white, p = photos["white"], _p(mode)
     c, d = photos["ours c"], photos["ours d"]
     known = {
@@ -81,10 +81,10 @@ def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | 
         for words in ("our codes", "the truth")
     )
     yield _plot(ours, truth)
-    # The chart was made so that floodlit it shows less than an eighth of its contrast.
+    # The chart was designed to show less than an eighth of its contrast when floodlit.
     yield BoundedNumber("contrast of the widest bars, floodlit", ours[0][0], 0.02, 0.125)
     yield BoundedNumber("the same in (c)", ours[1][0], 0.25, 0.65)
-    # Ink is a seventeenth of paper: without milk the bars have 0.89.
+    # Ink is a seventeenth as bright as paper: without milk the contrast of the bars is 0.89.
     yield BoundedNumber("the same in (e), de-scattered", ours[3][0], 0.75, 1.05)
     yield BoundedNumber("contrast in (e) over floodlit", ours[3][0] / ours[0][0], least=8.0)
     off = abs(ours[3][0] - truth[3][0])
@@ -134,7 +134,7 @@ def measure_contrasts(image: Image) -> list[float]:
 
 
 def _inside(grey: NDArray[np.floating], area: NDArray[np.bool_]) -> float:
-    """Mean of a picture over an area that is drawn on a raster of its own."""
+    """Mean of a picture over an area that is drawn on another raster."""
     rows, cols = (
         ((np.arange(n) + 0.5) * whole / n).astype(np.intp)
         for n, whole in zip(grey.shape, area.shape, strict=True)

@@ -2,10 +2,10 @@
 
 A ball of mirrors on a disk of wax in front of an open book. Four photos of indirect light alone,
 each under stripes that light half of the cells, moved on by a quarter of their period. Light that
-came by one sharp path is there under some stripes and not under others; soft light is half there
-under all of them. So the largest less the smallest of the four is what is sharp, and twice the
-smallest is what is soft. What is checked: that the wax and the other page are in the soft
-picture, and the ball's spots in the sharp one.
+came by one sharp path is there under some stripes and not under others; half of the soft light is
+there under all of them. So sharp light is the largest of the four less the smallest, and soft light
+is twice the smallest. The figure checks that the wax and the other page are in the soft picture,
+and the ball's spots in the sharp one.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from pdcd.virtual.scene.presets.canvas import FrameRaster
 BALL_SCENE = "ball-wax-book"
 _PRINTED = 128
 PERIOD = 4
-"""Cells from one stripe to the next, the narrowest there is: soft light is even over them."""
+"""Cells from one stripe to the next. It is the least possible, so that soft light is even."""
 _SPOTS = 97.0
-"""Per cent of the pages' pixels that are darker than a spot, in indirect light."""
+"""Percentage of the pages' pixels that are darker than a spot, in indirect light."""
 
 
 def takes(mode: FigureMode) -> dict[str, FigureTake]:
     """White and direct light, and the four striped photos by our codes and by the paper's.
 
-    The answer of the latter is sharp light, of which quarter windows, whose stripes have no sharp
-    edges, leave nine tenths; and it has the errors of largest and smallest photo.
+    The answer of the striped photos is sharp light. Quarter windows, whose stripes have no sharp
+    edges, keep nine tenths of it; and it has the errors of both the largest and the smallest photo.
     """
     striped = {"period": PERIOD}
     return {
@@ -53,7 +53,7 @@ def takes(mode: FigureMode) -> dict[str, FigureTake]:
 
 
 def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | BoundedNumber]:
-    """All, direct and indirect light; sharp and soft light by either codes and in truth."""
+    """All, direct and indirect light; sharp and soft light with either codes and in truth."""
     direct, ours, paper = photos["direct"], photos["ours"], photos["paper"]
     scene = {**direct.pictures, "indirect": ours.pictures["indirect"]}
     captions = {"white": "(a) white", "direct": "(b) direct", "indirect": "(c) indirect"}
@@ -92,7 +92,7 @@ def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | BoundedNumber
 
 
 def find_spots(indirect: Image) -> NDArray[np.bool_]:
-    """Where the ball's spots lie on the pages, by the true indirect light (H, W, 3)."""
+    """Where the ball's spots lie on the pages, found in the true indirect light (H, W, 3)."""
     pages = draw_pages(FrameRaster(indirect.shape[:2]))
     grey = np.where(pages, np.nan_to_num(indirect.mean(axis=-1)), 0.0)
     spots: NDArray[np.bool_] = grey > np.percentile(grey[pages], _SPOTS)
@@ -100,7 +100,7 @@ def find_spots(indirect: Image) -> NDArray[np.bool_]:
 
 
 def measure_area_share(pictures: Mapping[str, Image], name: str, where: NDArray[np.bool_]) -> float:
-    """What of the indirect light of an area is in one picture."""
+    """Share of an area's indirect light that is in one picture."""
     return float(np.nansum(pictures[name][where]) / np.nansum(pictures["indirect"][where]))
 
 

@@ -1,11 +1,11 @@
-"""Figure 11: a red box at six depths, before a camera beside the projector, with one depth blocked.
+"""Figure 11: a red box at six depths, seen by a camera beside the projector; one depth is blocked.
 
 The camera stands off the projector's axis, so that direct light comes back beside the cell it was
-sent from, by the disparity of the point. All photos keep the same: all light but that which comes
-back at disparity 0, the path of direct light of one plane. Codes and mask know nothing of the box.
-What is checked: how much direct light of its front is left, against what geometry demands. Windows
-of a quarter of a cell block all of it up to a quarter cell of disparity, and let it through from
-three quarters on.
+sent from, by the disparity of the point. All photos keep the same paths: all light except that
+which comes back at disparity 0, the direct light of one plane. Codes and mask do not depend on the
+box. The figure checks how much direct light of its front is left, against the value from geometry.
+Windows of a quarter of a cell block all of it up to a quarter cell of disparity, and pass all of it
+from three quarters on.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ _DEPTHS = {"b": -2.0, "c": -1.0, "d": -0.5, "e": 0.0, "f": 0.5, "g": 2.0}
 """Disparity of the box's front, in cells, from far to near; that of (e) is blocked."""
 _BOUNDS = {"b": 0.07, "c": 0.063, "d": 0.31, "e": 0.105, "f": 0.37, "g": 0.05}
 _HALF_BLOCKED = {"d": 0.45, "f": 0.5}
-"""Half-blocked fronts differ by twice the share of a cell that panels are misplaced by, which is
-larger of the full page's smaller cells; where (e) is blocked there is least light to be wrong
-about."""
+"""Bounds of half-blocked fronts on the full page. They differ by twice the share of a cell by which
+panels are misplaced, and that share is larger for the full page's smaller cells. The front that is
+blocked, in (e), has the least light that can be wrong."""
 _MISPLACED = 0.15
-"""Cells by which the bench's panels may lie off where it believes them: 2 of 21 projector pixels,
-and what a map that is linear in each cell leaves."""
+"""Cells by which the bench's panels may lie off their believed places: 2 of 21 projector pixels,
+and the error of a map that is linear in each cell."""
 
 
 def list_fig11_takes(mode: FigureMode) -> dict[str, FigureTake]:
-    """The box at six depths, and at the blocked one by the paper's codes as well."""
+    """The box at six depths, and at the blocked one with the paper's codes as well."""
     bounds = {n: mode.bound(_BOUNDS[n], _HALF_BLOCKED.get(n, _BOUNDS[n])) for n in _DEPTHS}
     found = {n: _take("ours", d, bounds[n], white=n == "e") for n, d in _DEPTHS.items()}
     return {**found, "paper": _take("paper", _DEPTHS["e"], 0.35, white=False)}
@@ -68,7 +68,7 @@ def _take(by: str, disparity: float, bound: float, *, white: bool) -> FigureTake
 
 
 def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | BoundedNumber]:
-    """Six photos in one scale, their truth, and what is left of the front."""
+    """Six photos on one scale, their truth, and the light left of the front."""
     blocked, papers = photos["e"], photos["paper"]
     white = float(np.nanpercentile(blocked.pictures["white"], 99.5))
     other = (
@@ -111,14 +111,15 @@ def _plot(found: dict[str, float]) -> FigurePlot:
 
 
 def _kept(disparity: float) -> float:
-    """Direct light that quarter windows keep at a disparity, in cells, from the blocked plane."""
+    """Share of direct light that quarter windows keep at a disparity, in cells, from the blocked
+    plane."""
     return float(np.clip((disparity - 0.25) / 0.5, 0.0, 1.0))
 
 
 def measure_direct_left(photo: FigurePhoto, disparity: float) -> float:
-    """Direct light left of the front of a box in a keyed photo, over what there is of it.
+    """Share of the direct light of a box's front that is left in a keyed photo.
 
-    Indirect light of the front, which stays, is taken off as the scene has it.
+    The front's indirect light, which stays, is subtracted using its true values.
     """
     on, direct, white = _front(photo.grid, disparity, photo.image.shape[2])
     height, width = photo.image.shape[:2]
@@ -135,7 +136,8 @@ def measure_direct_left(photo: FigurePhoto, disparity: float) -> float:
 def _front(
     grid: GridShape, disparity: float, colours: int = 3
 ) -> tuple[NDArray[np.bool_], Array, Array]:
-    """Cells (N,) that see the lit front, as those around them do; direct and all light (N, C)."""
+    """Cells (N,) that see the lit front and whose neighbours do, too; direct and all light (N, C).
+    """
     options = {"disparity": disparity, "painted": True}
     scene = build_scene(SceneConfig(kind=BOX_SCENE, grid=grid, options=options))
     lit = np.ones((1, scene.cells))

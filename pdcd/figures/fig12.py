@@ -1,10 +1,10 @@
 """Figure 12: four scenes, each in white, indirect and direct light.
 
 A ball of mirrors, balls of styrofoam in a glass, a bottle of milky water, and a mirror beside a
-vase. Indirect light is one photo, direct light what is left of the white one. What is checked: that
+vase. Indirect light is one photo; direct light is the white photo less that. The figure checks that
 spots, caustics, milk and mirror images are gone from the direct photo, and that the one kind of
-light which cannot go is still there: light that a mirror throws onto the wall and that comes back
-by the same way ends in the very cell it began in, as direct light does.
+indirect light that cannot be removed is still there: light that a mirror throws onto the wall and
+that comes back the same way ends in the very cell it began in, as direct light does.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ _SCENES = {
 """Kind of scene: its title, and the codes that the paper prints for it."""
 FIRST, MIRROR_SCENE = "disco-ball", "mirror-and-vase"
 _ROW_Y = -0.05
-"""Height of the drawing frame at which the mirror is looked at: through its middle."""
+"""Height in the drawing's frame of the line through the mirror's middle."""
 _PICTURES = {"white": "white light", "indirect": "indirect, one photo", "direct": "direct"}
 
 
 def list_fig12_takes(mode: FigureMode) -> dict[str, FigureTake]:
-    """Each scene by our codes and by the paper's, of the same number; the latter of the first scene
-    only where it has to be quick."""
+    """Each scene with our codes and with as many of the paper's; in quick mode, the latter only for
+    the first scene."""
     found = {}
     for kind, (_, printed) in _SCENES.items():
-        # White light less what is indirect: the camera's noise of both, and a mirror's few paths.
+        # White light less indirect light has the noise of both, and a mirror's few paths.
         found[f"{kind}, ours"] = take_coded("ours", kind, "direct", printed, bound=0.034)
         if not mode.quick or kind == FIRST:
             found[f"{kind}, paper's"] = take_coded("paper", kind, "direct", printed, bound=0.053)
@@ -86,8 +86,8 @@ def _row(pictures: Mapping[str, Image], title: str) -> PanelRow:
 
 
 def measure_indirect_left(photo: FigurePhoto) -> float:
-    """Indirect light in the direct picture, over all indirect light, as the least-squares share of
-    the true indirect picture in what is wrong with the direct one."""
+    """Share of indirect light that is left in the direct picture: the least-squares share of the
+    true indirect picture in the direct picture's error."""
     return fit_share(photo.pictures["direct"] - photo.truths["direct"], photo.truths["indirect"])
 
 

@@ -1,9 +1,9 @@
-"""What one figure is: the captures that it takes, and the pictures, plots and numbers of them.
+"""Defines a figure: the captures that it takes, and the pictures, plots and numbers made of them.
 
-A file `pdcd/figures/figNN.py` holds one `FIGURE`. It says in plain values what is to be captured
-(`takes`), and yields what is to be seen of the photos (`shown`): rows of pictures, plots, numbers
-with their bounds. It touches no bench, no disk and no clock: captures are taken by
-`pdcd.figures.photo`, pictures and plots drawn by `pdcd.figures.draw`.
+A file `pdcd/figures/figNN.py` holds one `FIGURE`. Its `takes` says in plain values what to capture,
+and its `shown` yields what to show of the photos: rows of pictures, plots, numbers with their
+bounds. A figure uses no bench, no disk and no clock: `pdcd.figures.photo` takes the captures, and
+`pdcd.figures.draw` draws pictures and plots.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ class FigureMode:
     quads : (width, height) of the camera's frame in Bayer quads.
     width_px : width of the pictures of the field.
     quick : whether figures may leave out what only a long run can show.
-    thrift, least_codes : captures get that many times fewer codes than they ask for, but at least
-        so many.
-    profile : sensor profile of the camera; a pixel without colours is what a quad was.
+    thrift, least_codes : captures get fewer codes than they ask for, by the factor `thrift`, but at
+        least `least_codes`.
+    profile : sensor profile of the camera; without colours, a pixel takes the place of a quad.
     """
 
     name: str
@@ -60,11 +60,11 @@ class FigureMode:
         return side * self.quads[0], side * self.quads[1]
 
     def bound(self, quick: float, full: float) -> float:
-        """A bound that is another on the full page: its cells are finer, its quads noisier."""
+        """A bound that differs on the full page, where cells are finer and quads noisier."""
         return quick if self.quick else full
 
     def codes(self, asked: int) -> int:
-        """Independent codes of a capture that asks for so many."""
+        """Independent codes of a capture that asks for `asked` codes."""
         return min(asked, max(asked // self.thrift, self.least_codes))
 
 
@@ -75,18 +75,18 @@ FULL_MODE = FigureMode("full", (48, 64), (2145, 1428), 1280, False)
 
 @dataclass(frozen=True)
 class FigureTake:
-    """One capture: what stands before the bench, and what is asked, in the words of a request.
+    """One capture: the scene in front of the bench, and what is requested.
 
     scene, options : `[scene] kind` and `[scene.options]` of the configuration.
-    asked : fields of `CaptureRequest` beside `goal`; arrays as numpy arrays.
+    asked : fields of `CaptureRequest` besides `goal`; arrays as numpy arrays.
     off_axis : whether the camera stands off the projector's axis.
     perfect : panels that are aligned, quick and dark; the sensor is as noisy as ever.
-    f_number : of the lens before the paper's sensor, and before another one that which fills it as
-        much; None: by test exposures, so that nothing saturates.
-    all_codes : as many codes as asked for in every mode, where their number is the matter.
-    bound : most RMS error that the answer may have against the known truth, as a share of its RMS;
-        None where the truth of an answer is not known, or is no matter of the figure.
-    grid : rows and columns of cells, where they are not the mode's.
+    f_number : of the lens in front of the paper's sensor; for another sensor it is converted to
+        fill that one as much. None: by test exposures, so that nothing saturates.
+    all_codes : take as many codes as asked for in every mode, as their number matters here.
+    bound : largest RMS error that the answer may have against the known truth, as a share of its
+        RMS; None if the truth is not known, or does not matter for the figure.
+    grid : rows and columns of cells, if they are not the mode's.
     said : a few words for the table of captures: "the paper's codes".
     """
 
@@ -104,22 +104,22 @@ class FigureTake:
 
     @property
     def stands(self) -> str:
-        """What of it makes the bench: captures of which this is equal can share one."""
+        """The fields that determine the bench, as text: captures with equal ones share a bench."""
         bench = self.off_axis, self.perfect, self.f_number, self.grid
         return repr((self.scene, sorted(self.options.items()), bench))
 
 
 @dataclass(frozen=True, eq=False)
 class FigurePhoto:
-    """What a capture gave, on a raster of the field: upright, as the projector sees the scene.
+    """The result of a capture, on a raster of the field: upright, as the projector sees the scene.
 
-    pictures : by the names that the run has (`white`, `direct`, the goal ...), answer first; each
+    pictures : by their names in the run (`white`, `direct`, the goal ...), answer first; each
         (H, W, C) float32, linear, scene units; NaN where nothing is known.
-    truths : the same pictures as the scene really is, seen through the same optics.
-    errors : RMS error of each picture against its truth, over the RMS of the truth, taken over the
-        camera's own quads and not over the raster, but for a narrow border of the field.
-    transport, transport_truth : (M, J, C) entries of T of the goal "transport", else None.
-    summary : of the run, as `pdcd capture --json` tells it.
+    truths : the true pictures of the scene, seen through the same optics.
+    errors : RMS error of each picture against its truth, relative to the RMS of the truth, over the
+        camera's own quads, not the raster, without a narrow border of the field.
+    transport, transport_truth : (M, J, C) entries of T for the goal "transport", else None.
+    summary : of the run, as in `pdcd capture --json`.
     grid : rows and columns of cells.
     """
 
@@ -143,7 +143,7 @@ class FigurePhoto:
 
     @property
     def truth(self) -> Image:
-        """What it is in truth, (H, W, C)."""
+        """The truth of that picture, (H, W, C)."""
         return self.truths[self.answer]
 
     @property
@@ -161,10 +161,10 @@ class FigurePanel:
 
     image : (H, W, C) or (H, W); linear light in scene units, or with `kind` "grey" the pixels
         themselves, uint8, drawn by the figure.
-    caption : below it, a few words.
-    white : scene units that are shown as white; None: as the other panels of the row, by the
-        brightest hundredth of the row's first panel.
-    signed : 0 is shown as middle grey, as a difference has both signs.
+    caption : a few words below it.
+    white : scene units that are shown as white; None: the row's common value, from the brightest
+        hundredth of its first panel.
+    signed : 0 is shown as middle grey, as for a difference, which has both signs.
     """
 
     image: NDArray[Any]
@@ -176,8 +176,8 @@ class FigurePanel:
 
 @dataclass(frozen=True)
 class PanelRow:
-    """Panels side by side, under one scale of brightness. title : above them; may be empty. small :
-    many rows are shown on little room."""
+    """Panels side by side, on one scale of brightness. title : above them; may be empty. small :
+    small pictures, for many rows."""
 
     panels: tuple[FigurePanel, ...]
     title: str = ""
@@ -193,8 +193,8 @@ class PanelRow:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line of a plot. style : as matplotlib has it: "-", "--", "o-", "x" ... colour : lines of
-    the same number have the same one, or a name. label : in the legend; "" is none."""
+    """A line of a plot. style : as in matplotlib: "-", "--", "o-", "x" ... colour : a number in the
+    palette, or a name. label : in the legend; "" is none."""
 
     x: ArrayLike
     y: ArrayLike
@@ -207,9 +207,9 @@ class Line:
 class FigurePlot:
     """Lines over each other. name : part of the file's. x, y : labels of the axes, with units.
 
-    scales : of x and y, as matplotlib has them; "symlog" is straight below a thousandth.
-    marks : places along x, with a word or none for each. level : a thin line across.
-    band : from and to along x, shaded. y_range : None leaves an end to the lines.
+    scales : of x and y, as in matplotlib; "symlog" is linear below a thousandth.
+    marks : places along x, each with a word or none. level : a thin line across.
+    band : a shaded range along x. y_range : None at an end lets the lines decide.
     """
 
     name: str
@@ -229,10 +229,9 @@ class FigurePlot:
 class BoundedNumber(msgspec.Struct, frozen=True):
     """One figure with the bounds that were stated before it was measured.
 
-    what : in words, with the unit. value : None for what is no number. least, most : bounds, both
-    included; None is no bound. paper : what the paper prints, as printed, where it prints one.
-    percent : shown as a percentage. held : whether it lies within its bounds, which is found here;
-    what is no number does not.
+    what : in words, with the unit. value : None for NaN. least, most : bounds, both included; None
+    is no bound. paper : the number as printed in the paper, if it prints one. percent : shown as a
+    percentage. held : whether the value lies within its bounds, computed here; NaN does not.
     """
 
     what: str
@@ -244,7 +243,7 @@ class BoundedNumber(msgspec.Struct, frozen=True):
     held: bool = False
 
     def __post_init__(self) -> None:
-        """Make them plain numbers, and compare."""
+        """Make the values plain numbers, and compare them with the bounds."""
         for name in ("value", "least", "most"):
             told = getattr(self, name)
             known = told is not None and math.isfinite(told)
@@ -261,9 +260,9 @@ class BoundedNumber(msgspec.Struct, frozen=True):
 class PaperFigure:
     """One figure of the paper.
 
-    number : as it is asked for: "1", "table-1", "appendix".
+    number : the name to ask for it: "1", "table-1", "appendix".
     see : one sentence on what to see. paper : what the paper took, with its codes and exposure.
-    unlike : what is still unlike the paper's own; empty where nothing is.
+    unlike : what still differs from the paper's figure; empty if nothing does.
     takes : mode -> captures by name. shown : mode and photos by the same names -> what is shown,
     in any order of kinds. The table of captures, with their errors and bounds, is added.
     """
@@ -278,7 +277,7 @@ class PaperFigure:
 
 
 def count_independent_codes(count: int) -> int:
-    """Independent codes of so many as the paper counts them. Every figure asks by that."""
+    """Independent codes in `count` codes of the paper's counting, which all figures use."""
     return max(count // PRINTED, 1)
 
 
@@ -293,14 +292,14 @@ _PAPERS_CODES: Mapping[str, Any] = {
     "pilot": 0,
     "parts": 1,
 }
-"""Coins, and one number to divide a photo by."""
+"""The paper's codes: coins, and one number for the whole photo to divide it by."""
 _OUR_CODES: Mapping[str, Any] = {**LIKE_THE_PAPER, "pilot": 0, "parts": 1}
-"""The same light, time and number of codes, by the codes and the decoding that are default here."""
+"""The same light, time and number of codes, with our default codes and decoding."""
 CODERS: Mapping[str, tuple[Mapping[str, Any], str]] = {
     "ours": (_OUR_CODES, "our codes"),
     "paper": (_PAPERS_CODES, "the paper's codes"),
 }
-"""Who makes the codes: what a request says of them, and the words for them."""
+"""Our codes and the paper's: the fields of a request for them, and their name in words."""
 
 
 def take_coded(
@@ -313,10 +312,10 @@ def take_coded(
     said: str = "{}",
     **fields: Any,
 ) -> FigureTake:
-    """A capture by one of `CODERS`.
+    """A capture with the codes of one of `CODERS`.
 
-    printed : codes, as the paper counts them. asked : what is asked beside that. said : `{}` in it
-    becomes the words for the codes. fields : others of `FigureTake`.
+    printed : codes, as the paper counts them. asked : further fields of the request. said : `{}` in
+    it becomes the name of the codes. fields : other fields of `FigureTake`.
     """
     codes, words = CODERS[by]
     whole = {**codes, "codes": count_independent_codes(printed), **(asked or {})}

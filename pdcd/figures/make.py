@@ -1,5 +1,5 @@
-"""Make figures: what is there and whole stays, the others are taken and drawn, and the page kept up
-to date."""
+"""Makes figures: complete ones stay, the others are taken and drawn, and the page is kept up to
+date."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ PAGE = "index.html"
 
 @dataclass
 class MakeOutcome:
-    """made : figures in the order of the page. failed : number -> why, of those without a page."""
+    """made : figures in the order of the page. failed : number -> reason, for those that failed."""
 
     made: list[PaperFigureRecord] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
 
     @property
     def held(self) -> bool:
-        """Whether all are there with every number within its bounds."""
+        """Whether all figures are there, with every number within its bounds."""
         return not self.failed and all(made["held"] for made in self.made)
 
 
@@ -65,12 +65,11 @@ def make_paper_figures(
     plots: bool = True,
     tell: Callable[[int, int, float | None], None] = lambda taken, of, left_s: None,
 ) -> MakeOutcome:
-    """Make figures and the page of a folder; what is there, whole and unchanged stays.
+    """Make figures and the page of a folder; figures that are complete and unchanged stay.
 
-    pool : where each figure is made; `open_processes`. plots : whether to draw plots, which needs
-    matplotlib. `tell` hears how far the work is: captures that are taken, all that are to be, and
-    the seconds that are left, as estimated; None before anything is known. A figure that fails
-    does not end the others.
+    pool : the processes that make figures, from `open_processes`. plots : whether to draw plots,
+    which needs matplotlib. `tell` hears of the progress: captures taken, captures in all, and the
+    estimated seconds left, None while unknown. A figure that fails does not end the others.
     Raises ConfigError without matplotlib, and DiskError.
     """
     if plots:
@@ -84,7 +83,7 @@ def make_paper_figures(
     takes = {number: one.takes(mode) for number, one in waiting.items()}
     of = sum(map(len, takes.values()))
     begun_s, taken = time.monotonic(), 0
-    # The dearest first, so that no process is left alone with one at the end.
+    # The most expensive first, so that no process is left alone with one at the end.
     dearest = sorted(waiting.values(), key=lambda one: -sum(map(_cost, takes[one.number].values())))
     jobs = {pool.submit(_make_figure, one, folder, mode, inputs, plots): one for one in dearest}
     if jobs:
@@ -105,7 +104,7 @@ def make_paper_figures(
 
 
 def _cost(take: FigureTake) -> int:
-    """Roughly what a capture costs; of a slice of T every column is a photo."""
+    """Rough cost of a capture; a slice of T takes one photo a column."""
     return 512 if take.goal == "transport" else 64 + int(take.asked.get("codes", 32))
 
 
@@ -116,7 +115,7 @@ def _write_page(
     outcome: MakeOutcome,
     waiting: dict[str, PaperFigure],
 ) -> None:
-    """Write the page of all figures that are there, whoever asked for them."""
+    """Write the page of all figures that are there, not only those asked for."""
     left = {*waiting, *outcome.failed}
     found = [read_record(folder, number, inputs) for number in FIGURES if number not in left]
     made = [one for one in found if one is not None]
@@ -138,16 +137,16 @@ def _write_page(
 
 @contextmanager
 def open_processes(workers: int | None = None) -> Iterator[Executor]:
-    """Processes that figures are made in; two, or one where there is one core, if not told.
+    """Processes that make figures; without a number two, or one on a single core.
 
-    They end when this does, at the next step of what they do. Raises ConfigError.
+    When the context ends, they end at the next step of their work. Raises ConfigError.
     """
     if workers is not None and workers < 1:
         raise ConfigError(f"--workers {workers} is less than 1")
-    # More threads of the linear algebra gain nothing on arrays of this size and wait for each
-    # other; processes get this when they start.
+    # More threads for linear algebra gain nothing on arrays of this size and wait for each other;
+    # the processes read this when they start.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    # The C library keeps freed memory of each thread to itself otherwise.
+    # Otherwise the C library keeps freed memory for each thread.
     os.environ.setdefault("MALLOC_ARENA_MAX", "1")
     context = multiprocessing.get_context("spawn")
     unwanted = context.Event()
@@ -161,21 +160,22 @@ def open_processes(workers: int | None = None) -> Iterator[Executor]:
 
 
 _unwanted: list[Event] = []
-"""In a process of the pool: set when nobody wants its figures any more."""
+"""In a process of the pool: set when its figures are not wanted any more."""
 _making = threading.Lock()
 """Held while a figure is made."""
 
 
 def _begin(unwanted: Event) -> None:
-    """A process of the pool: an interrupt is for the one that started it, who ends this one."""
+    """Set up a process of the pool: it ignores interrupts, as its parent handles them and ends it.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _unwanted.append(unwanted)
     threading.Thread(target=_end_with_parent, args=(unwanted,), daemon=True).start()
 
 
 def _end_with_parent(unwanted: Event) -> None:
-    """End this process where the one that started it was killed: what is under way ends at its
-    next step, and clears up."""
+    """End this process if its parent was killed: running work first ends at its next step, and
+    cleans up."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -192,7 +192,7 @@ def _heard() -> None:
 def _make_figure(
     figure: PaperFigure, folder: Path, mode: FigureMode, inputs: str, plots: bool
 ) -> None:
-    """Take a figure's captures, draw it, write its pictures, and note it as made of these `inputs`.
+    """Take a figure's captures, draw it, write its pictures, and record it with its `inputs`.
 
     Raises PdcdError.
     """

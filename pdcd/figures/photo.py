@@ -1,7 +1,7 @@
-"""One capture on the bench of the figures, and what is kept of it: pictures beside their truth.
+"""One capture on the bench of the figures, of which pictures and their truth are kept.
 
-The run folder itself, RAW files and all, is left once its pictures are on the field's raster: a
-page of figures takes some hundred photos of up to 25 MB each.
+The run folder, RAW files and all, is removed once its pictures are on the field's raster: a page of
+figures takes some hundred photos of up to 25 MB each.
 """
 
 from __future__ import annotations
@@ -41,9 +41,10 @@ _ASPECT = 0.75
 def photograph_takes(
     takes: Mapping[str, FigureTake], mode: FigureMode, heard: _Heard = lambda: None
 ) -> Iterator[tuple[str, FigurePhoto]]:
-    """Take captures, with their names: those that share a bench (`Take.stands`) one after another.
+    """Take captures, and yield them with their names; those that share a bench
+    (`FigureTake.stands`) follow each other.
 
-    Runs go to a scratch folder, which is gone afterwards. `heard` is called now and then, and may
+    Runs go to a scratch folder, which is removed afterwards. `heard` is called now and then; it may
     raise to end the work. Raises PdcdError, whose message names the capture that failed.
     """
     benches: dict[str, dict[str, FigureTake]] = {}
@@ -70,7 +71,7 @@ def _photograph(
     """Take one photo, as `Bench.capture` does, but without a report; the run is gone after it."""
     keywords = dict(take.asked)
     photos = count_equal_photos(mode.profile)
-    if photos > 1 and take.f_number is None:  # else the light of one photo is the matter
+    if photos > 1 and take.f_number is None:  # with f_number, the light of one photo matters
         keywords["repeat"] = photos
     if "codes" in keywords:  # the paper's photos are one exposure each
         keywords = {"pilot": 0, "parts": 1, **keywords}
@@ -86,7 +87,7 @@ def _photograph(
 
 
 def _beside_truth(run: Run, optics: OpticalBench, mode: FigureMode, heard: _Heard) -> FigurePhoto:
-    """A run beside what it would be, were it perfect, of the bench that it was taken of."""
+    """A run together with its truth, computed by the bench that it was taken with."""
     record = run.manifest.run
     recipe, cells = Darkroom(run.folder, record).recipe, record.cells
     colours = len(record.responsivity_e)

@@ -1,4 +1,4 @@
-"""Values of pictures: at places of the field, and how much of one picture is in another."""
+"""Measures pictures: their values at places of the field, and the share of one in another."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _HALF = 0.012
 
 
 def average_patch(image: Image, at: tuple[float, float]) -> float:
-    """Mean of the green, or of all there is, of a small patch about a point of the field."""
+    """Mean of green, or of grey, over a small patch around a point of the field."""
     height, width, colours = image.shape
     half = max(round(_HALF * width), 1)
     x, y = round(at[0] * width), round(at[1] * height)
@@ -19,7 +19,6 @@ def average_patch(image: Image, at: tuple[float, float]) -> float:
 
 
 def fit_share(image: Image, of: Image) -> float:
-    """How often a picture `of` is in an image of its shape, by least squares, where both are
-    known."""
+    """The least-squares factor of a picture `of` in an image of its shape, where both are known."""
     known = np.isfinite(image) & np.isfinite(of)
     return float(image[known] @ of[known] / (of[known] @ of[known]))

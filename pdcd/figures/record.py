@@ -1,4 +1,4 @@
-"""What a page says of a figure, as data/fig-N.json beside it holds it, and whether it still holds.
+"""The record of a figure for the page, data/fig-N.json, and whether it is still valid.
 
 ::
 
@@ -8,12 +8,12 @@
 
 A record has the texts of its `PaperFigure`, and
 
-    fingerprint, mode     of what it was made
+    fingerprint, mode     of its inputs
     rows                  title, small, and pictures: file and caption of each
     plots                 file and caption of each
     numbers               the fields of each `BoundedNumber`
     captures              `capture_told` of each
-    seconds               wall time of its captures together, as their runs tell it
+    seconds               wall time of its captures together, from their runs
     held                  whether every number and error lies within its bounds
 """
 
@@ -69,8 +69,8 @@ def record_of(
 
 
 def capture_told(name: str, take: FigureTake, photo: FigurePhoto) -> dict[str, Any]:
-    """A capture in figures. `error` is a share of the truth's RMS, of entries of T where these were
-    photographed; `held` is whether it is within its `bound`, where it has one."""
+    """The figures of a capture. `error` is a share of the truth's RMS, over entries of T if these
+    were photographed; `held` is whether it is within its `bound`, if it has one."""
     told, bound = photo.summary, take.bound
     number = BoundedNumber("", _error(photo), most=bound)
     return {
@@ -107,7 +107,7 @@ _MAX_BYTES = 2**24
 
 
 def fingerprint_of(mode: FigureMode, *, plots: bool) -> str:
-    """SHA-256 of all that figures depend on: the mode, and every line of the program."""
+    """SHA-256 of everything that figures depend on: the mode, and every line of the program."""
     whole = hashlib.sha256(f"{__version__} {np.__version__} {mode} {plots}".encode())
     for name in ("pdcd", "drivers"):
         spec = find_spec(name)
@@ -118,7 +118,7 @@ def fingerprint_of(mode: FigureMode, *, plots: bool) -> str:
 
 
 def read_record(folder: Path, number: str, fingerprint: str) -> PaperFigureRecord | None:
-    """A figure as it was made of these inputs, if all of it is there; else None."""
+    """The record of a figure made from these inputs, if all its files are there; else None."""
     try:
         found = msgspec.json.decode(
             read_file(_path(folder, number), _MAX_BYTES), type=PaperFigureRecord
@@ -132,7 +132,7 @@ def read_record(folder: Path, number: str, fingerprint: str) -> PaperFigureRecor
 
 
 def write_record(folder: Path, record: PaperFigureRecord) -> None:
-    """Note that a figure is made; its pictures are there. Raises DiskError."""
+    """Write the record of a figure, after its pictures. Raises DiskError."""
     replace_file(_path(folder, record["number"]), msgspec.json.format(encode_json(record)))
 
 

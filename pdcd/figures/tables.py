@@ -1,7 +1,7 @@
-"""Tables 1 and 2: all seven rows of each, photographed beside their truth and by the paper's codes.
+"""Tables 1 and 2: all seven rows of each, photographed, with their truth and the paper's codes.
 
-Rows take signed or unsigned coins where the paper needs codes at all: a matrix that is a sum of a
-few products has none.
+Rows take signed or unsigned coins if the paper needs codes for them: a matrix that is a sum of a
+few products needs none.
 """
 
 from __future__ import annotations
@@ -41,24 +41,24 @@ _SCENE = "still-life"
 _PRINTED = 512
 _SMALL = (24, 32)
 _LEAST_SHARE = 0.05
-"""Of the white photo's brightness: what is darker than that is brightened to it."""
+"""Share of the white photo's brightness; darker pictures are brightened to it."""
 
 _HALF = 0.15
 """Half width of the spot that the scene's mirror throws, without its rim."""
 _TOP, _FOOT = MIRROR_TOP + 0.02, MIRROR_FOOT - 0.02
-"""Heights of the drawing between which the spot is counted: a little within those of the mirror."""
+"""Heights in the drawing between which the spot is counted: a little inside the mirror's."""
 _RADIUS = 2
 _KERNEL = np.array([[0.0, -0.25, 0.0], [-0.25, 1.0, -0.25], [0.0, -0.25, 0.0]])
-"""The cell itself less its four neighbours."""
+"""The cell itself less a quarter of each of its four neighbours."""
 
 
 @dataclass(frozen=True)
 class TableRow:
     """A row of a table.
 
-    words : what is written above. coins : the paper's codes for it, None where it needs none: its
-    matrix is a sum of a few products. bound : of the error of our photo; full_bound : on the full
-    page, where it is another. signed : the picture has both signs.
+    words : its title. coins : the paper's codes for it, None if it needs none, as its matrix is a
+    sum of a few products. bound : of the error of our photo; full_bound : the same on the full
+    page, if it differs. signed : the picture has both signs.
     """
 
     words: str
@@ -73,10 +73,10 @@ class TableRow:
 def list_table_1_rows(grid: GridShape) -> tuple[TableRow, ...]:
     """The first table's rows, in its words.
 
-    Quarter windows move codes by half a cell. Neighbours then mix, and a path by a mirror, which
-    goes the other way when its end is moved, is met in half of the places: rows 4 and 5 are far
-    from what they are with whole windows. Rows 1 and 2 are cut where the truth, which knows light
-    for whole cells, is soft.
+    Quarter windows move codes by half a cell. Then neighbours mix, and a path by a mirror, which
+    moves the other way when its end is moved, is met in only half of the places: rows 4 and 5
+    differ much from those with whole windows. Rows 1 and 2 have sharp edges where the truth, which
+    is computed for whole cells, is soft.
     """
     light, warp, cells = make_stripes(grid), map_mirror_paths(grid), grid[0] * grid[1]
     itself = np.arange(cells, dtype=np.float64).reshape(grid)
@@ -112,7 +112,7 @@ def list_table_1_rows(grid: GridShape) -> tuple[TableRow, ...]:
 
 def list_table_2_rows(grid: GridShape) -> tuple[TableRow, ...]:
     """The second table's rows, in its words."""
-    # One exposure of far light errs more where cells are coarse.
+    # The error of far light from one exposure is larger with coarse cells.
     return (
         TableRow("direct, retro-reflection and back-scattering", "direct", 0.05),
         TableRow("all other indirect light", "indirect", 0.16),
@@ -129,7 +129,7 @@ def list_table_2_rows(grid: GridShape) -> tuple[TableRow, ...]:
             0.034, None, asked={"region_a": mark_mirror_spot(grid),
             "region_b": mark_mirror_cells(grid)},
         ),
-        # Misplaced panels let in direct light at the borders of cells: more where these are small.
+        # Misplaced panels let in direct light at the borders of cells: more if cells are small.
         TableRow(
             "local de-scattering: direct less what came from the cell to the left",
             "descattered", 0.10, "rademacher", signed=True, full_bound=0.21,
@@ -143,7 +143,7 @@ def list_table_2_rows(grid: GridShape) -> tuple[TableRow, ...]:
 
 
 def _grid_of(mode: FigureMode) -> GridShape:
-    """Cells of the tables: the quick page has room for small pictures only."""
+    """Rows and columns of cells of the tables; fewer on the quick page."""
     return min(mode.grid, _SMALL) if mode.quick else mode.grid
 
 
@@ -151,11 +151,11 @@ _Rows = Callable[[GridShape], tuple[TableRow, ...]]
 
 
 def _take_rows(rows: _Rows, mode: FigureMode) -> dict[str, FigureTake]:
-    """All light, and a photo of every row; in the full page another by the paper's codes."""
+    """All light, and a photo of every row; on the full page another with the paper's codes."""
     grid = _grid_of(mode)
     found = {"white": FigureTake(_SCENE, "white", grid=grid, said="all light")}
     for number, row in enumerate(rows(_grid_of(mode)), 1):
-        # What leaks is alike in both photos of a pair, and cancels; of few products it is little.
+        # Leaks are alike in both photos of a pair and cancel; with few products they are small.
         leaks = {} if row.coins == "bernoulli" else {"black_level": "none"}
         bound = mode.bound(row.bound, row.full_bound or row.bound)
         what = _SCENE, row.goal, _PRINTED
@@ -199,7 +199,7 @@ def mark_mirror_cells(grid: GridShape) -> NDArray[Any]:
 
 
 def map_mirror_paths(grid: GridShape) -> NDArray[Any]:
-    """The projector cell whose light the mirror brings to each camera cell; -1 beside the spot."""
+    """The projector cell whose light the mirror throws on each camera cell; -1 beside the spot."""
     rows, cols = grid
     seen = MIRROR_X - (FrameRaster(grid).x - MIRROR_LANDS) / SQUEEZE
     column = np.floor((seen / FRAME_WIDTH + 0.5) * cols)
