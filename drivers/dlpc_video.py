@@ -1,6 +1,6 @@
 """Two DMDs as the outputs of an X server, which show 24 bits a picture: the display `dlpc-video`.
 
-What is shown is the matter of `x11`; this sets both devices up over USB, looks whether they follow
+`x11` shows the pictures; this driver sets both devices up over USB, checks whether they follow
 their signal, and knows when each plane is lit. Written from TI's guide, tried on virtual devices,
 never on a DMD.
 """
@@ -52,17 +52,16 @@ _SHOWN_S = 10.0
 
 
 class DlpcVideoOptions(DmdOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """[display.options.dlpc]: which two devices, and what the guide leaves open."""
+    """[display.options.dlpc]: which two devices, and choices that the guide leaves open."""
 
     dark_us: Annotated[int, Meta(ge=0, le=20_000)] = 0
-    """For how long mirrors are dark after each plane."""
+    """How long mirrors are dark after each plane."""
     vsync_bit: Literal[0, 1] = 1
-    """Of a DLPC900: whether the first entry is told to wait for a trigger, which is the picture
-    here."""
+    """For a DLPC900: whether the first entry waits for a trigger, which here is the picture."""
     vsync_trigger: Literal[0, 1, 2] = 1
-    """Of a DLPC350: trigger of the first entry: internal, external positive, external negative."""
+    """For a DLPC350: trigger of the first entry: internal, external positive, external negative."""
     lock_from: Literal["signal", "main"] = "signal"
-    """Of a DLPC350: what tells that a signal is locked: 0x071C, or bit 3 of 0x1A0C."""
+    """For a DLPC350: what shows that a signal is locked: 0x071C, or bit 3 of 0x1A0C."""
 
 
 def read_video_options(config: Config) -> tuple[Config, DlpcVideoOptions]:
@@ -132,8 +131,8 @@ class DlpcVideoDisplay(X11Display):
         return replace(info, identity=identity, warnings=tuple(warnings))
 
     def black(self) -> None:
-        """Both panels black: by black pictures where the devices follow them, else by a plane of
-        their own."""
+        """Both panels black: by black pictures if the devices follow them, else by a plane of their
+        own."""
         with self._lock, self._context.patience.deaf():
             try:
                 super().black()
@@ -145,7 +144,7 @@ class DlpcVideoDisplay(X11Display):
     def play(
         self, progress: Callable[[int, int, int], None], cancelled: Callable[[], bool]
     ) -> FrameLog:
-        """Show all loaded frames, then black. Raises SyncError where a device did not follow."""
+        """Show all loaded frames, then black. Raises SyncError if a device did not follow."""
         log = super().play(progress, cancelled)
         with self._lock:
             try:
@@ -166,15 +165,15 @@ class DlpcVideoDisplay(X11Display):
                 super().disconnect()
 
     def show_wedge(self, frames: Frames) -> None:
-        """Hold a picture while plane n is lit longer than plane n - 1, by both devices; `black` and
-        `load` go on from there."""
+        """Hold a picture in which both devices light plane n longer than plane n - 1; `black` or
+        `load` ends it."""
         self.load(frames)
         process = self._running()
         longest = self._divide(process.ready.refresh_hz, 0)
         with self._lock:
             for dmd in self._dmds:
                 dmd.follow(dmd.make_wedge(longest))
-                dmd.follows = False  # not as frames want it: the next `load` sets it up anew
+                dmd.follows = False  # not as frames need it: the next `load` sets it up anew
         process.show(0)
 
     def _running(self) -> DisplayProcess:
@@ -208,7 +207,7 @@ class DlpcVideoDisplay(X11Display):
         self._times = times
 
     def _divide(self, refresh_hz: float, dark_us: int) -> PlaneTimes:
-        """The planes of a picture, by the quickest rate that it may have, for both devices."""
+        """The planes of a picture at the fastest rate that it may have, for both devices."""
         dmds, panels = self._dmds, (self._config.projector, self._config.mask)
         return divide_picture(
             max(refresh_hz, *(panel.refresh_hz for panel in panels)),
@@ -219,7 +218,7 @@ class DlpcVideoDisplay(X11Display):
         )
 
     def _open_dmds(self) -> None:
-        """Find both devices, and make them black; none is kept open where one fails."""
+        """Find both devices, and make them black; if one fails, none is kept open."""
         options, config, patience = self._options, self._config, self._context.patience
         found = list_devices(self._context.usb_backend(options.usb), *_CONTROLLERS)
         opened: list[VideoDmd] = []
@@ -238,7 +237,7 @@ class DlpcVideoDisplay(X11Display):
         self._dmds = opened
 
     def _make_dmd(self, link: DeviceLink, size_px: tuple[int, int]) -> VideoDmd:
-        """What drives the controller that is there."""
+        """The class that drives the controller that was found."""
         options, patience = self._options, self._context.patience
         if link.found.controller == "DLPC350":
             parked = partial(Dlpc350Panel, link, options.rest, size_px, patience)
@@ -250,7 +249,7 @@ class DlpcVideoDisplay(X11Display):
         return VideoDmd(link, make, (options.led, options.trigger_bit, options.vsync_bit), patience)
 
     def _see_that_black(self, dmd: VideoDmd) -> None:
-        """Its pictures are black: see that it shows them, or make it black without."""
+        """With black pictures: check that it shows them, or make it black without them."""
         if dmd.follows:
             try:
                 return dmd.check()
@@ -262,8 +261,8 @@ class DlpcVideoDisplay(X11Display):
         apply_to_each(self._dmds, work)
 
     def _build_log(self, primal: RowNumbers, dual: RowNumbers, log: Log, ready: Ready) -> FrameLog:
-        """As of any display of planes, with the times of the devices' table: mirrors are dark after
-        each plane, and from the last one until the next picture."""
+        """The log as for any display of planes, but with the times of the devices' table: mirrors
+        are dark after each plane, and from the last one until the next picture."""
         times = self._times
         assert times is not None  # noqa: S101
         share = 1e-6 * times.plane_us * ready.refresh_hz
@@ -271,14 +270,15 @@ class DlpcVideoDisplay(X11Display):
         found = build_frame_log(primal, dual, log, ready, starts)
         lit_ns = 1000 * times.exposure_us
         dark_ns = np.diff(found.primal_ns, append=found.primal_ns[-1] + lit_ns) - lit_ns
-        dark_ns[dark_ns < 1000] = 0  # what rounding leaves
+        dark_ns[dark_ns < 1000] = 0  # remainder of rounding
         end_ns = np.full(2, found.primal_ns[-1] + lit_ns)
         return replace(found, dark_s=1e-9 * dark_ns, end_ns=end_ns)
 
 
 def examine_dlpc_video(context: DriverContext) -> Iterator[Finding]:
-    """Yield all that can be found out of the X server, its outputs and both devices, down to the
-    first thing that fails. Shows bars for ten seconds. Raises nothing of its own."""
+    """Yield everything that can be found out about the X server, its outputs and both devices, down
+    to the first thing that fails. Shows bars for ten seconds. Failures become findings, not
+    exceptions."""
     try:
         config, options = read_video_options(context.config)
         yield from examine_display(config)

@@ -1,17 +1,17 @@
 """A camera that something else reads out: its RAW files appear in a folder.
 
-Tethering software writes them there, or a card is mounted. The folder is looked at from time to
-time, by the injected clock; no notification service is needed, and network shares work.
+Tethering software writes them there, or a card is mounted. The folder is checked from time to time,
+by the injected clock; no notification service is needed, and network shares work.
 
-A file is taken when it is the only RAW file under a name that was not there at `arm`, size, dates
-and content are the same for some looks, its directories speak of no data behind its end, no strip
-of it is all zeros, as it is where a program makes a file of full length first and fills it later,
-LibRaw decodes it, and it says the ISO and aperture that were asked for. Until then it is waited
-for; at the end of the run it is looked at once more. So software that writes each photo over the
-last one does not do. What cannot be seen: whether the file is that of *this* exposure. One of an
-earlier exposure that arrives late, alone, is taken for it.
+A file is taken when it is the only RAW file whose name was not there at `arm`; its size, dates and
+content stay the same for some looks; its directories refer to no data beyond its end; no strip of
+it is all zeros, as in a file that is made with its full length first and filled later; LibRaw
+decodes it; and it says the ISO and aperture that were asked for. Until then the driver waits; at
+the end of the run it checks the file once more. So software that overwrites the last photo with
+each new one cannot be used. The driver cannot see whether the file belongs to *this* exposure: a
+late file of an earlier exposure, if it is the only one, is taken for it.
 
-Whoever may write into the folder is not believed: no link is followed, nothing but regular files is
+Whoever can write into the folder is not trusted: no link is followed, only regular files are
 opened, and no file is read that is larger than a photo can be (`WatchedFolder`).
 """
 
@@ -52,41 +52,41 @@ from pdcd.driver import (
 )
 
 _DATE_SLACK_S = 2.0
-"""FAT stores dates to two seconds."""
+"""Tolerance of dates: FAT stores them to two seconds."""
 _F_NUMBER_SLACK = 0.06
-"""Nominal and true f-numbers differ by rounding: 5.6 is 5.66, 3.5 is 3.56."""
+"""Relative tolerance of f-numbers, which are rounded: 5.6 is 5.66, 3.5 is 3.56."""
 _GRACE_S = 0.9
-"""How long after the time-out a file may still be read that was whole by then."""
+"""How long after the time-out a file that was whole by then may still be read."""
 _NOT_YET = "is the transfer still going on? raise camera.fetch_timeout_s"
 _MOST_NAMED = 6
-"""Names that an error tells."""
+"""Most names that an error lists."""
 _MOST_LARGER = 4
-"""How many times the samples of its profile's sensor a photo may have."""
+"""A photo may have this many times the samples of its profile's sensor."""
 
 
 class FolderOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """[camera.options] of this driver."""
 
     folder: str
-    """Where the files appear, also in folders below it."""
+    """Where the files appear, directly or in folders below it."""
     suffixes: Annotated[tuple[str, ...], Meta(min_length=1)] = RAW_SUFFIXES
-    """What counts as RAW, in lower case; all else is passed over."""
+    """Suffixes that count as RAW, in lower case; other files are ignored."""
     take: Literal["copy", "move"] = "copy"
-    """Whether the file stays in the folder as well."""
+    """Whether the file also stays in the folder."""
     poll_s: Annotated[float, Meta(ge=0.01, le=10.0)] = 0.2
     looks: Annotated[int, Meta(ge=2, le=100)] = 4
     """How many looks in a row must find the same size and dates."""
     check_date: bool = True
-    """Refuse a file whose date lies before the exposure. Only a camera with a wrong clock, on a
-    card that is mounted, needs it off."""
+    """Refuse a file whose date lies before the exposure. Only a camera with a wrong clock that
+    writes to a mounted card needs it off."""
 
 
 @dataclass
 class _Arrival:
-    """What came since the camera was armed, look by look.
+    """What has appeared since the camera was armed, look by look.
 
-    same : looks that found the same. sha256 : of the only new file one look before it is taken.
-    refused : of content that was looked at and is no photo, for the reason `fault`.
+    same : looks in a row that found the same. sha256 : of the only new file, one look before it is
+    taken. refused : SHA-256 of content that is not a photo, for the reason `fault`.
     """
 
     before: dict[str, WatchedFile] = field(default_factory=dict)
@@ -142,7 +142,7 @@ class FolderReadout:
         return cls(options, config, context.clock, context.patience)
 
     def connect(self) -> CameraInfo:
-        """See that the folder can be read. Raises DeviceLost."""
+        """Check that the folder can be read. Raises DeviceLost."""
         self._look()
         return CameraInfo(
             model=f"files in {self._folder.path}",
@@ -195,10 +195,10 @@ class FolderReadout:
         return raw
 
     def recheck(self, photos: Collection[str]) -> None:
-        """Look once more at the files that photos of those SHA-256 were taken from.
+        """Check once more the files that the photos with these SHA-256 were taken from.
 
-        Raises ExposureError for one that holds something else by now. With `take = "move"` the
-        others are removed; DeviceLost where one cannot be.
+        Raises ExposureError for a file that holds something else by now. With `take = "move"` the
+        other files are removed; raises DeviceLost if one cannot be.
         """
         self._settle(photos)
         changed = [name for name, sha256 in self._changed if sha256 in photos]
@@ -215,9 +215,9 @@ class FolderReadout:
         self._settings = None
 
     def _settle(self, photos: Collection[str] | None) -> None:
-        """Note which files hold something else than was taken, and remove the others if asked.
+        """Note which files no longer hold what was taken, and remove the others if asked.
 
-        photos : those that are asked about, by SHA-256; the others are forgotten. None: all.
+        photos : the photos to check, by SHA-256; the others are forgotten. None: all.
         """
         taken, self._taken = self._taken, []
         for name, sha256 in taken:
@@ -229,7 +229,7 @@ class FolderReadout:
                     self._changed.append((name, sha256))
                 elif self._options.take == "move":
                     self._folder.remove(name)
-            except FileNotFoundError:  # somebody tidied up
+            except FileNotFoundError:  # somebody has removed it
                 continue
             except DecodeError:
                 self._changed.append((name, sha256))
@@ -241,7 +241,7 @@ class FolderReadout:
                 ) from err
 
     def _look(self) -> dict[str, WatchedFile]:
-        """All that is there by name."""
+        """Everything in the folder, by name."""
         try:
             return self._folder.look(self._patience.look)
         except OSError as err:
@@ -254,7 +254,7 @@ class FolderReadout:
     def _wait(
         self, folder: Path, name: str, timeout_s: float, settings: CameraSettings
     ) -> tuple[str, RawFile]:
-        """The one new file, and what was made of it, once it is whole."""
+        """Wait until the one new file is whole; returns it and the photo in it."""
         until_ns, arrival = self._clock.now_ns() + round(timeout_s * 1e9), _Arrival()
         while True:
             there = self._look()
@@ -277,7 +277,7 @@ class FolderReadout:
             self._patience.sleep_until_ns(min(now_ns + poll_ns, until_ns))
 
     def _hash(self, source: str) -> str:
-        """SHA-256 of what is in a file now; "" where it cannot be read."""
+        """SHA-256 of a file's present content; "" if it cannot be read."""
         try:
             return self._folder.hash(source, self._most_bytes, self._patience.look)
         except (OSError, DecodeError):
@@ -286,7 +286,7 @@ class FolderReadout:
     def _take(
         self, source: str, arrival: _Arrival, folder: Path, name: str, settings: CameraSettings
     ) -> RawFile | None:
-        """The photo in a file that did not change for some looks; None where it is none yet."""
+        """The photo in a file that did not change for some looks; None if it is not one yet."""
         shown = to_one_line(source)
         try:
             data = self._folder.read(source, self._most_bytes, self._patience.look)
@@ -351,7 +351,7 @@ class FolderReadout:
         there: dict[str, WatchedFile],
         timeout_s: float,
     ) -> Exception:
-        """Why no photo was taken, with what was passed over."""
+        """The error that says why no photo was taken, and which files were ignored."""
         if new and fault is not None and fault.hint != _NOT_YET:
             return fault
         if new:
@@ -370,7 +370,7 @@ class FolderReadout:
         )
 
     def _passed_over(self, there: dict[str, WatchedFile]) -> list[str]:
-        """What came and is no photo, each with the reason."""
+        """New things that are not photos, each with the reason."""
         found = []
         for name, seen in there.items():
             known = self._known.get(name)
@@ -386,7 +386,7 @@ class FolderReadout:
         return found
 
     def _check(self, shown: str, raw: RawFile, settings: CameraSettings) -> None:
-        """Decode a photo and compare it with what was asked for. Raises DecodeError and
+        """Decode a photo and compare its settings with those asked for. Raises DecodeError and
         ExposureError."""
         frame = read_raw(
             raw.path,
@@ -411,7 +411,7 @@ class FolderReadout:
 
 
 def _expand(folder: str) -> Path:
-    """A folder with a home folder for its ~. Raises ConfigError."""
+    """A folder with its ~ replaced by the home folder. Raises ConfigError."""
     try:
         return Path(folder).expanduser()
     except RuntimeError as err:
@@ -423,7 +423,7 @@ def _expand(folder: str) -> Path:
 
 
 def _list(names: Collection[str]) -> str:
-    """Some names for people."""
+    """Names in words; only the first ones if there are many."""
     shown = [to_one_line(name) for name in list(names)[:_MOST_NAMED]]
     more = [f"and {len(names) - _MOST_NAMED} more"] if len(names) > _MOST_NAMED else []
     return ", ".join([*shown, *more])

@@ -1,5 +1,5 @@
 """Two DMDs with a DLPC900 each (LightCrafter 6500, 9000 and their relatives), over USB.
 
-`commands` and `erle` are bytes alone, `link` carries them, `device` is one panel, `sequence` makes
-of frames what a panel is sent, `display` shows them on both.
+`commands` and `erle` only deal with bytes, `link` carries them, `device` is one panel, `sequence`
+turns frames into what a panel is sent, `display` shows them on both.
 """

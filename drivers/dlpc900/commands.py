@@ -1,4 +1,4 @@
-"""Commands of the DLPC900, their bytes, and what it says of itself (TI DLPU018).
+"""Commands of the DLPC900, their bytes, and its status (TI DLPU018).
 
 Pure functions. A command is a header (flags, sequence number, length of what follows, command) and
 its data, all numbers little endian, in reports of 64 bytes.
@@ -15,11 +15,11 @@ from pdcd.driver import ConfigError, DeviceLost, PdcdError
 REPORT_B = 64
 HEAD_B = 6
 REPLY_HEAD_B = 4
-"""Replies do not repeat the command."""
+"""Bytes of a reply's header; replies do not repeat the command."""
 PICTURE_PART_B = 504
 """Most bytes of a picture in a command of 512."""
 READ, ANSWER, REFUSED = 0x80, 0x40, 0x20
-"""Flags: it is a read; an answer is wanted; in an answer: it was refused."""
+"""Flags: the command is a read; an answer is wanted; in an answer: the command was refused."""
 MOST_US = 2**24 - 1
 """Longest exposure, and dark time, of an entry."""
 MOST_DELAY_US = 2**16 - 1
@@ -28,7 +28,7 @@ PICTURE_SLOTS = 18
 
 
 class Command(enum.IntEnum):
-    """Those that are used."""
+    """The commands that are used."""
 
     ERROR_CODE = 0x0100
     ERROR_TEXT = 0x0101
@@ -110,7 +110,7 @@ def pack_entry(
     """0x1A34: one entry of a table, a plane of one bit that is cleared after its exposure.
 
     times_us : exposure, and dark time after it. place : picture and bit of it. options : whether it
-        waits for TRIG_IN_1, LEDs, trigger bit.
+        waits for TRIG_IN_1, its LEDs, its trigger bit.
     """
     (exposure_us, dark_us), (picture, bit), (waits, led, trigger) = times_us, place, options
     return struct.pack(
@@ -125,17 +125,17 @@ def pack_entry(
 
 
 def pack_table(entries: int, shown: int) -> bytes:
-    """0x1A31: so many entries, of which so many are shown in all; 0 is for ever."""
+    """0x1A31: number of entries, and number of entries to show in all; 0 is for ever."""
     return struct.pack("<HI", entries, shown)
 
 
 def pack_order(entries: Sequence[int], shown: int) -> bytes:
-    """0x1A32: show these entries of the table that is valid, in this order."""
+    """0x1A32: show these entries of the valid table, in this order."""
     return struct.pack(f"<HI{len(entries)}H", len(entries), shown, *entries)
 
 
 def make_refusal(role: str, command: int, code: int | None, text: str) -> PdcdError:
-    """The error of a command that was refused, by its code (None: it told none)."""
+    """The error for a refused command, by its code (None: the device gave none)."""
     kind, what, hint = _ERRORS.get(
         -1 if code is None else code,
         (DeviceLost, "refused a command", "switch it off and on, and update its firmware"),

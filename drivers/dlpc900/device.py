@@ -1,13 +1,13 @@
 """One DMD behind a DLPC900: its planes, its table of entries, and its black.
 
-Picture 0 holds a plane without light and nothing else, and is loaded before any other: an endless
-sequence of that plane is black whatever mirrors do between sequences, which no guide tells. All
-other planes lie 24 a picture.
+Picture 0 holds only a plane without light, and is loaded before any other: an endless sequence of
+that plane is black, whatever mirrors do between sequences, which no guide says. All other planes
+lie 24 a picture.
 
-By the guide, pictures are to be sent anew as soon as the number of entries, or what one of them
-shows, was changed. So black is the last entry of the table that is loaded, by another order of
-entries: pictures outlive that, and the table comes back by configuring it again. In the same way
-tables that come around again and again, as those of a stream do, lie in the device side by side
+By the guide, pictures must be sent anew as soon as the number of entries, or what one of them
+shows, has changed. So the panel goes black by an order of entries that shows only the last entry of
+the loaded table: pictures survive that, and configuring the table again brings it back. In the same
+way tables that come around again and again, as those of a stream, lie in the device side by side
 (`drivers.dlpc900.around`), and each is shown by an order of its own.
 """
 
@@ -45,12 +45,12 @@ from .options import Dlpc900Options
 
 PLANES = 24
 _BLACK_US = 1000
-"""Length of the one entry of black."""
+"""Length of the single entry of black."""
 _READY_S, _PAUSE_S = 3.0, 0.02
-"""How long a device may take to wake up, change its mode or start; until it is asked again."""
+"""Longest time for a device to wake up, change its mode or start; pause until it is asked again."""
 _USUAL_LEAST_US = 105
 DrawWords = Callable[[Sequence[bytes]], NDArray[np.uint32]]
-"""Planes of these keys as the bits of words, (height, width)."""
+"""Draws the planes of these keys as the bits of words, (height, width)."""
 _Device = TypeVar("_Device")
 
 
@@ -60,7 +60,7 @@ class DmdPanel:
     def __init__(
         self, link: DeviceLink, options: Dlpc900Options, clock: Clock, size_px: tuple[int, int]
     ) -> None:
-        """size_px : as configured, of devices that do not tell their kind."""
+        """size_px : as configured, for devices that do not report their kind."""
         self.link, self.role, self.size_px = link, link.role, size_px
         self.kind, self.firmware = "DLPC900", ""
         self.least_us, self.most_entries = _USUAL_LEAST_US, 400
@@ -77,13 +77,13 @@ class DmdPanel:
         self._is_black = False
 
     def take_over(self) -> None:
-        """See what it is, and make it black."""
+        """Identify the device, and make it black."""
         self._identify()
         link = self.link
         if self._main() & Main.PARKED:
             link.tell(Command.POWER, bytes([NORMAL]))
             self._wait_until(lambda: not self._main() & Main.PARKED, "stays parked")
-        with suppress(DeviceLost):  # where it shows no patterns it may refuse that
+        with suppress(DeviceLost):  # it may refuse that while it shows no patterns
             self._stop()
             link.tell(Command.IDLE, bytes([0]))
         link.tell(Command.MODE, bytes([ON_THE_FLY]))
@@ -100,15 +100,16 @@ class DmdPanel:
         self._start()
 
     def set_trigger_delay(self, delay_us: int) -> None:
-        """Let an edge on TRIG_IN_1 act so much later, which may not be less than `least_us`."""
+        """Let an edge on TRIG_IN_1 act later by `delay_us`, at least `least_us`."""
         falling = self._options.edge == "falling"
         self.link.tell(Command.TRIGGER_IN_1, delay_us.to_bytes(2, "little") + bytes([falling]))
 
     def load(self, table: Sequence[TableEntry], planes: Sequence[bytes], draw: DrawWords) -> int:
-        """Take over planes and a table of them, then go black; how many pictures were drawn.
+        """Take over planes and a table of them, then go black; returns the number of pictures that
+        were drawn.
 
-        planes : keys of those that have light, all different, `most_planes` at most. table : of
-        these, and of black at its end.
+        planes : different keys of planes with light, `most_planes` at most. table : of these
+        planes, ending with black.
         """
         around = self._around.find_round(table)
         if self._around.find(table) is not None:
@@ -131,15 +132,15 @@ class DmdPanel:
     def start(
         self, table: Sequence[TableEntry], *, shown: int | None, delay_us: int | None = None
     ) -> None:
-        """Show a table of loaded planes: so many entries of it in all (None: all over and over).
+        """Show a table of loaded planes: `shown` entries of it in all (None: over and over).
 
-        delay_us : of a sequence that waits for TRIG_IN_1 and is black until then: how long after
-        the edge it begins. None begins at once.
+        delay_us : the sequence is black until an edge on TRIG_IN_1, and begins this long after it.
+        None begins at once.
         """
         waits = delay_us is not None
         self._is_black = False
         self._stop()
-        if delay_us is not None:  # a sequence that runs takes no other
+        if delay_us is not None:  # not while a sequence runs
             self.set_trigger_delay(delay_us)
         order = self._around.find(table, waits=waits)
         if order is None or not self._take_order(order, shown or 0):
@@ -150,7 +151,7 @@ class DmdPanel:
             self._wait_to_run()
 
     def stop(self) -> None:
-        """Let its sequence end, and its trigger output be still; for panels that show black."""
+        """End its sequence, which keeps its trigger output still; for panels that show black."""
         self._is_black = False
         self._stop()
 
@@ -159,7 +160,7 @@ class DmdPanel:
         return bool(self._main() & Main.RUNNING)
 
     def check_sequence(self) -> None:
-        """Raise SyncError where the device says that the last sequence went wrong."""
+        """Raise SyncError if the device says that the last sequence went wrong."""
         bad = self._hardware() & ~self._status & (Hardware.ABORTED | Hardware.SEQUENCE_FAULT)
         if bad:
             raise SyncError(
@@ -169,18 +170,19 @@ class DmdPanel:
             )
 
     def black(self) -> None:
-        """Show the plane without light, for ever, from whatever state; or see that it still is."""
+        """Show the plane without light, for ever, from any state; or check that it is still shown.
+        """
         if self._is_black:
             if self.is_running():
                 return
-            self._table, self._shown = [], []  # somebody else has been at it
+            self._table, self._shown = [], []  # something else has changed its state
             self._around.part()
         if not self._show_last():
             self.start(self._black_entries, shown=None)
         self._is_black = True
 
     def close(self) -> None:
-        """Leave it as the options say, and let it go; what was lost already is only let go."""
+        """Leave it as the options say, and release it; a lost device is only released."""
         try:
             self.black()
             if self._options.rest != "black":
@@ -193,7 +195,7 @@ class DmdPanel:
 
     @property
     def most_planes(self) -> int:
-        """Planes that can be loaded, beside black."""
+        """Number of planes that can be loaded, besides black."""
         return sum(self._rooms[1:])
 
     @property
@@ -201,7 +203,8 @@ class DmdPanel:
         return [TableEntry(BLACK_PLANE, max(_BLACK_US, self.least_us))]
 
     def _identify(self) -> None:
-        """What it is; raises DeviceLost for one that is not fit, ConfigError for another size."""
+        """Find out its kind and state; raises DeviceLost if it is not fit to work, ConfigError if
+        its size is not the configured one."""
         faults = Hardware.INCOMPATIBLE | Hardware.RESET_FAULT | Hardware.FORCED_SWAP
         status = require_healthy(self.link, faults, ", update its firmware")
         self._halves = [(Command.PICTURE_BEGIN, Command.PICTURE_DATA)]
@@ -223,8 +226,8 @@ class DmdPanel:
             )
 
     def _show_last(self) -> bool:
-        """Show the last entry over and over, where it is black and the device takes another order
-        of entries; whether that was so."""
+        """Show the last entry over and over, if it is black and the device accepts an order of
+        entries; returns whether it is shown."""
         if not self._shown or self._shown[-1][2] != BLACK_PLANE:
             return False
         self._is_black = False
@@ -236,7 +239,7 @@ class DmdPanel:
         return True
 
     def _take_order(self, order: Sequence[int], shown: int) -> bool:
-        """Have it show entries in this order; whether it takes one, which old firmware does not."""
+        """Have it show entries in this order; False if it accepts no order, like old firmware."""
         try:
             self.link.tell(Command.ORDER, pack_order(order, shown))
         except PdcdError:
@@ -252,13 +255,13 @@ class DmdPanel:
         return len(entries) <= self.most_entries and held.issuperset(one.plane for one in entries)
 
     def _place(self, planes: Sequence[bytes]) -> dict[int, tuple[bytes, ...]]:
-        """Find a place for planes that have none yet: pictures to draw, by their numbers."""
+        """Find places for planes that have none yet; returns the pictures to draw, by number."""
         there = {key for held in self._pictures for key in held}
         missing = [key for key in planes if key not in there]
         rooms, wanted = self._rooms, set(planes)
         free = [n for n in range(1, len(rooms)) if wanted.isdisjoint(self._pictures[n])]
         free.sort(key=lambda number: bool(self._pictures[number]))  # empty ones first
-        if sum(rooms[n] for n in free) < len(missing):  # what is wanted lies too far apart
+        if sum(rooms[n] for n in free) < len(missing):  # wanted planes are too scattered
             missing, free = list(planes), list(range(1, len(rooms)))
             self._pictures[1:] = [()] * (PICTURE_SLOTS - 1)
         plan = {}
@@ -270,8 +273,9 @@ class DmdPanel:
     def _program(
         self, table: Sequence[TableEntry], shown: int, waiting: Container[int] = ()
     ) -> None:
-        """Send what of a table the device does not have yet, make it valid, and send its pictures
-        where it shows others than before. waiting : entries that wait for TRIG_IN_1."""
+        """Send the entries of a table that the device does not have yet, make the table valid, and
+        send its pictures if it shows others than before. waiting : entries that wait for TRIG_IN_1.
+        """
         self._around.part()
         places = {key: (n, bit) for n, held in enumerate(self._pictures)
                   for bit, key in enumerate(held)}  # fmt: skip
@@ -287,7 +291,7 @@ class DmdPanel:
             for n, one in enumerate(table)
         ]
         shows = [(*places[one.plane], one.plane) for one in table]
-        had, self._table = self._table, []  # not known until all of it was taken
+        had, self._table = self._table, []  # unknown until the device has taken all of it
         showed, self._shown = self._shown, []
         try:
             self._send_table(packed, had, shown)
@@ -295,10 +299,10 @@ class DmdPanel:
             if not had:
                 raise
             had, showed = [], []
-            self._send_table(packed, had, shown)  # it may have forgotten what it had
+            self._send_table(packed, had, shown)  # it may have lost its entries
         if shows != showed:
             for number in sorted({picture for picture, _, _ in shows}, reverse=True):
-                self._upload(number)  # the last one first, as the guide has it
+                self._upload(number)  # the last one first, as in the guide
         self._table, self._shown = [*packed, *had[len(packed) :]], shows
 
     def _send_table(self, packed: list[bytes], had: list[bytes], shown: int) -> None:
@@ -316,8 +320,7 @@ class DmdPanel:
     def _pack_picture(
         self, number: int, keys: tuple[bytes, ...], words: NDArray[np.uint32]
     ) -> None:
-        """Make ready what is sent of a picture, a half of it for each controller. keys : of its
-        planes."""
+        """Encode a picture for sending, one half for each controller. keys : of its planes."""
         options = self._options
         self._packed[number] = [
             encode_picture(half, options.plane_order, options.copy_above)
@@ -351,8 +354,8 @@ class DmdPanel:
         self._wait_until(self.is_running, "does not start its sequence")
 
     def _wait_until(self, done: Callable[[], bool], what: str) -> None:
-        """Without `Patience`, as both panels are loaded by threads of their own, which are not to
-        hear of a cancel themselves: the link's look ends what they do."""
+        """Wait without `Patience`: each panel is loaded by a thread of its own, which does not
+        check for a cancel itself; the link's `look` ends its work."""
         until_ns = self._clock.now_ns() + round(_READY_S * 1e9)
         while not done():
             if self._clock.now_ns() >= until_ns:
@@ -361,8 +364,8 @@ class DmdPanel:
 
 
 def require_healthy(link: DeviceLink, faults: Hardware, remedy: str = "") -> Hardware:
-    """Status of a controller, a DLPC900 or a DLPC350. Raises DeviceLost for one that is not fit to
-    work. faults : that may be told. remedy : what else helps."""
+    """Status of a controller, a DLPC900 or a DLPC350. Raises DeviceLost if it is not fit to work.
+    faults : those that its status can report. remedy : what else may help."""
     status = Hardware(link.ask(Command.HARDWARE)[0])
     wrong = status & faults
     if wrong or not status & Hardware.READY:
@@ -375,7 +378,7 @@ def require_healthy(link: DeviceLink, faults: Hardware, remedy: str = "") -> Har
 
 
 def read_firmware(link: DeviceLink) -> str:
-    """Version of the firmware of such a controller; "" where it is not told."""
+    """Firmware version of one of these controllers; "" if it does not report it."""
     version = link.try_ask(Command.VERSION) or b""
     if len(version) < 4:
         return ""
@@ -383,8 +386,7 @@ def read_firmware(link: DeviceLink) -> str:
 
 
 def apply_to_each(devices: Sequence[_Device], work: Callable[[_Device], None]) -> None:
-    """Do some work on each device, whatever becomes of the other; the first error is raised
-    then."""
+    """Do some work on each device, even if it fails on another; then raise the first error."""
     errors = []
     for device in devices:
         try:
@@ -396,5 +398,5 @@ def apply_to_each(devices: Sequence[_Device], work: Callable[[_Device], None]) -
 
 
 def _find_rooms(planes: int) -> list[int]:
-    """How many planes each picture may hold, of a device that has memory for so many."""
+    """How many planes each picture may hold, in a device with memory for `planes` planes."""
     return [min(PLANES, planes - first) for first in range(0, planes, PLANES)][:PICTURE_SLOTS]

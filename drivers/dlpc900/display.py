@@ -1,7 +1,7 @@
 """Two DMDs that show loaded planes by a clock of their own, started by one edge.
 
-Written from TI's guides and tried on virtual devices, never on a DMD. What stands on mirrors
-between sequences, how late an edge acts and how long a mirror turns, only a bench can show.
+Written from TI's guides and tried on virtual devices, never on a DMD. Only a bench can show what
+mirrors do between sequences, how late an edge acts, and how long a mirror takes to turn.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ logger = logging.getLogger(__name__)
 _ROLES = ("projector", "mask")
 _LOOK_S = 0.2
 _OLD = 5
-"""Firmware below that is older than the guides that this driver was written from."""
+"""Firmware below this is older than the guides that this driver was written from."""
 
 
 class Dlpc900Display:
@@ -76,7 +76,7 @@ class Dlpc900Display:
         return cls(options, context)
 
     def connect(self) -> DisplayInfo:
-        """Open both devices, or see that they still answer; black on return."""
+        """Open both devices, or check that they still answer; black on return."""
         self._take_turn()
         self._loaded, self._arms_at_black = None, False
         self._opened()
@@ -111,7 +111,8 @@ class Dlpc900Display:
         )
 
     def _mask_lag_s(self) -> float | None:
-        """What a calibration found of two panels that one edge starts; None where none did."""
+        """Lag of the mask that a calibration measured, if one edge starts both; None without one.
+        """
         config = self._context.config
         skew_s = config.mask.skew_s - config.projector.skew_s
         if self._options.start == "software" or not skew_s:
@@ -121,7 +122,7 @@ class Dlpc900Display:
     def load(self, frames: Frames) -> None:
         """Send both panels their planes and tables; black on return.
 
-        Raises ConfigError, before anything is sent, for what does not fit them.
+        Raises ConfigError, before anything is sent, if the frames do not fit them.
         """
         loaded = self._loaded
         if loaded is not None and loaded.frames is frames:
@@ -154,7 +155,7 @@ class Dlpc900Display:
         self._loaded, self._arms_at_black = sequence, self._options.start == "trigger"
 
     def black(self) -> None:
-        """Both panels black; right after `load` by waiting for their trigger, if they have one."""
+        """Both panels black; right after `load`, and with a trigger, they wait black for it."""
         self._take_turn()
         arms, self._arms_at_black, self._armed = self._arms_at_black, False, False
         with self._context.patience.deaf():
@@ -168,8 +169,8 @@ class Dlpc900Display:
         self.hold(frames, rows=1)
 
     def hold(self, frames: Frames, rows: int | None = None) -> None:
-        """Show the first so many rows, or all, over and over until `black` or `play`: each panel by
-        itself."""
+        """Show the first `rows` rows, or all, over and over until `black` or `play`; each panel
+        runs by itself."""
         self.load(frames)
         self._arms_at_black = False
         sequence = self._get_loaded()
@@ -181,9 +182,9 @@ class Dlpc900Display:
     def play(
         self, progress: Callable[[int, int, int], None], cancelled: Callable[[], bool]
     ) -> FrameLog:
-        """Show all loaded rows once, then black. The log's times are those of one start and the
-        table's sums; only a camera that counts pulses of both can prove them, and `verified` is
-        False."""
+        """Show all loaded rows once, then black. The log's times are computed from the start and
+        the table's times. `verified` is False: only a camera that counts pulses of both panels can
+        prove them."""
         self._take_turn()
         sequence = self._get_loaded()
         rows, starts = sequence.asked.shape[1], []
@@ -245,7 +246,7 @@ class Dlpc900Display:
         return DmdPanel(link, self._options, self._context.clock, size_px)
 
     def _reopen(self, panel: DmdPanel) -> None:
-        """Find a panel again whose link was lost, and make it black."""
+        """Open a panel again whose link was lost, and make it black."""
         self._loaded, self._arms_at_black, self._armed = None, False, False
         panel.link.close()
         options, side = self._options, _ROLES.index(panel.role)
@@ -269,7 +270,7 @@ class Dlpc900Display:
         return self._panels
 
     def _make_black(self, panel: DmdPanel) -> None:
-        """Black from whatever state, by a new link where the old one was lost."""
+        """Black from any state, by a new link if the old one was lost."""
         if panel.link.lost:
             self._reopen(panel)
         else:
@@ -282,11 +283,11 @@ class Dlpc900Display:
 
     @property
     def least_us(self) -> int:
-        """Shortest exposure, and shortest way of a trigger, of both."""
+        """Shortest exposure, and shortest delay of a trigger, that both have."""
         return max(panel.least_us for panel in self._panels)
 
     def _cut(self, sequence: DmdSequence) -> DmdSequence:
-        """The sequence in blocks. Raises ConfigError for what does not fit the devices."""
+        """The sequence, cut into blocks. Raises ConfigError if it does not fit the devices."""
         start = self._options.start
         most = min(panel.most_entries for panel in self._panels) - 1 - (start == "chain")
         planes = min(panel.most_planes for panel in self._panels)
@@ -311,7 +312,7 @@ class Dlpc900Display:
         return sequence
 
     def _check_times(self, sequence: DmdSequence) -> None:
-        """Raise ConfigError for times that the devices do not have."""
+        """Raise ConfigError for times that the devices cannot keep."""
         least_us = self.least_us
         entries = [one for side in (0, 1) for block in sequence.blocks
                    for one in self._table(sequence, side, block)]  # fmt: skip
@@ -333,8 +334,9 @@ class Dlpc900Display:
         raise ConfigError(what, device="display", hint=hint or "take a shorter one")
 
     def _table(self, sequence: DmdSequence, side: int, block: tuple[int, int]) -> list[TableEntry]:
-        """What a panel is sent for a block: rows, a black plane to end on, and one to begin with
-        where the projector starts the mask, whose trigger takes its time."""
+        """The table of a panel for a block: rows, and a black plane at the end. If the projector
+        starts the mask, its table also begins with a black plane, as the mask's trigger takes time.
+        """
         table = sequence.make_table(side, block, joined=sequence.joined)
         if self._options.start == "chain" and side == 0:
             lead_us = self.least_us + sequence.lead_us(block)[0]
@@ -342,8 +344,8 @@ class Dlpc900Display:
         return [*table, TableEntry(BLACK_PLANE, max(self._row_us, self.least_us))]
 
     def _arm(self, number: int) -> tuple[int, int] | None:
-        """Start a block, or let it wait for its trigger; when its first row began on projector and
-        mask, None where that is not known yet."""
+        """Start a block, or let it wait for its trigger. Returns when its first row began on
+        projector and mask; None if that is not known yet."""
         sequence, start = self._get_loaded(), self._options.start
         block = sequence.blocks[number]
         leads_us, clock = sequence.lead_us(block), self._context.clock
@@ -365,7 +367,7 @@ class Dlpc900Display:
         return times[0], times[1]
 
     def _on_both(self, work: Callable[[int], None]) -> None:
-        """Do something to both panels at the same time, where they are real; USB is slow."""
+        """Do something to both panels, at the same time if they are real, as USB is slow."""
         if self._options.in_process:
             for side in range(len(self._panels)):
                 work(side)
@@ -389,12 +391,13 @@ class Dlpc900Display:
                 raise
 
     def _take_turn(self) -> None:
-        """From now on this thread's calls count: whatever another one does is given up."""
+        """Take over for this thread: work that another thread does is given up."""
         self._turn += 1
         self._of_thread.turn, self._of_thread.helps = self._turn, False
 
     def _look(self) -> None:
-        """Before each command: raises what ends a wait, or that another call has taken over."""
+        """Called before each command: raises an error if the work was ended, or another call has
+        taken over."""
         if self._of_thread.turn != self._turn:
             raise SyncError(
                 "the panels were made black meanwhile", device="display", hint="take it again"

@@ -2,7 +2,8 @@
 
 It takes the reports of a DLPC900 and has most of its states, but no pictures of its own, no error
 codes, and one exposure for all patterns. Its table goes through a mailbox, and is validated before
-it may be started. Black without a signal is what it can always do: stop, and park its mirrors.
+it may be started. Without a signal it can always be made black: by stopping and parking its
+mirrors.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ _BUSY = 0x80
 
 
 class _Command(enum.IntEnum):
-    """Those that are used."""
+    """The commands that are used."""
 
     POWER = 0x0200
     SIGNAL = 0x071C
@@ -56,7 +57,7 @@ class _Command(enum.IntEnum):
 
 
 class _Wrong(enum.IntFlag):
-    """What a validation finds."""
+    """The faults that a validation can find."""
 
     EXPOSURE_OR_PERIOD = 1
     PATTERN_NUMBER = 2
@@ -66,7 +67,7 @@ class _Wrong(enum.IntFlag):
 
 
 class Dlpc350Ways(NamedTuple):
-    """What the guide leaves open, and LEDs as bits (`DlpcVideoOptions`)."""
+    """Choices that the guide leaves open, and LEDs as bits (`DlpcVideoOptions`)."""
 
     led: int
     first_trigger: int
@@ -74,7 +75,7 @@ class Dlpc350Ways(NamedTuple):
 
 
 class Dlpc350Panel:
-    """Its mirrors by themselves: parked. Raises what `DeviceLink` does."""
+    """The device without a signal: its mirrors are parked. Raises what `DeviceLink` does."""
 
     kind, least_us = "DLPC350", _LEAST_US
 
@@ -86,7 +87,7 @@ class Dlpc350Panel:
         self._rest, self._size_px, self._patience = rest, size_px, patience
 
     def take_over(self) -> None:
-        """Make it black, and see what it is."""
+        """Make it black, and identify it."""
         link = self.link
         unanswered = _stop(link)
         link.tell(_Command.POWER, bytes([STANDBY]))
@@ -98,11 +99,11 @@ class Dlpc350Panel:
         self._identify()
 
     def close(self) -> None:
-        """Let it go, as dark as it is."""
+        """Release it, as dark as it is."""
         self.link.close()
 
     def _identify(self) -> None:
-        """Raise DeviceLost for one that is not fit, ConfigError for what it does not have."""
+        """Raise DeviceLost if it is not fit to work, ConfigError for options it does not have."""
         require_healthy(self.link, Hardware.RESET_FAULT | Hardware.FORCED_SWAP)
         self.firmware = read_firmware(self.link)
         if self._size_px != _MIRRORS_PX:
@@ -135,8 +136,8 @@ class Dlpc350Dmd(VideoDmd):
         self._ways = ways
 
     def make_wedge(self, longest: PlaneTimes) -> list[VideoEntry]:
-        """Entries that light the first eight planes never, the next once, the last twice: all have
-        one exposure."""
+        """Entries that never light the first eight planes, light the next eight once, and the last
+        eight twice, as all have one exposure."""
         bits = [*range(8, 16), *(bit for bit in range(16, 24) for _ in range(2))]
         return [VideoEntry(bit, longest) for bit in bits]
 
@@ -169,14 +170,14 @@ class Dlpc350Dmd(VideoDmd):
         )
 
     def _pack_entry(self, bit: int, times: PlaneTimes, first: bool, last: bool) -> bytes:
-        """A pattern of the mailbox: one that waits for the picture, or goes on; black after it
-        where its time is longer than its exposure, and before the next picture."""
+        """A pattern of the mailbox, which waits for the picture or follows the previous one. It is
+        black after it if its time is longer than its exposure, and before the next picture."""
         trigger = self._ways.first_trigger if first else _CONTINUES
         black = _INSERT_BLACK if last or times.dark_us else 0
         return bytes([trigger | bit << 2, _ONE_BIT | self._ways.led << 4, black])
 
     def _validate(self) -> None:
-        """See that the device takes its table. Raises ConfigError."""
+        """Check that the device accepts its table. Raises ConfigError."""
         found = _BUSY
 
         def is_done() -> bool:
@@ -206,7 +207,7 @@ def _read_main(link: DeviceLink) -> Main:
 
 
 def _stop(link: DeviceLink) -> DeviceLost | None:
-    """Stop its planes; what went wrong where the link is lost. In video mode it may refuse."""
+    """Stop its planes; returns the error if the link is lost. In video mode it may refuse."""
     try:
         link.tell(_Command.RUN, bytes([STOP]))
     except DeviceLost as err:

@@ -1,4 +1,4 @@
-"""What there is to say about both DMDs, for a person who looks for a fault; and 24 bars on them."""
+"""Examines both DMDs, for a person who looks for a fault, and shows 24 bars on them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ORDER_HINT = (
 def examine_dlpc900(context: DriverContext) -> Iterator[Finding]:
     """Yield everything that can be found out, down to the first thing that fails.
 
-    Shows the bars for ten seconds, on both devices. Raises nothing of its own.
+    Shows the bars for ten seconds, on both devices. Failures become findings, not exceptions.
     """
     try:
         options = read_dlpc900_options(context.config)
@@ -68,8 +68,8 @@ def _examine_open(display: Dlpc900Display, context: DriverContext) -> Iterator[F
 
 
 def make_bars(primal_px: tuple[int, int], dual_px: tuple[int, int]) -> Frames:
-    """Frames whose plane n is bar n of 24 from the left, and is shown n + 1 times: over and over
-    it is a wedge, which one photo or a look tells from any other order of planes."""
+    """Frames whose plane n is bar n of 24 from the left, and is shown n + 1 times. Shown over and
+    over they are a wedge; a look or a photo shows whether the planes are in order."""
     patterns = []
     for width, height in (primal_px, dual_px):
         bar = np.arange(width) * PLANES // width

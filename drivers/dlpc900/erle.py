@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 CopyAbove = Literal["lines", "parts", "never"]
 """Where a stream refers to the line above: whole lines, any part of one, or nowhere."""
 PlaneOrder = Literal["GBR", "BGR", "RGB", "RBG", "GRB", "BRG"]
-"""Which byte of a pixel holds planes 0-7, 8-15 and 16-23: R, G and B are the first, the second and
-the third that are sent."""
+"""Which byte of a pixel holds planes 0-7, 8-15 and 16-23; R, G and B are the first, second and
+third byte that is sent."""
 
 HEADER_B = 48
 _RAW, _ERLE = 0, 2
@@ -37,7 +37,7 @@ def encode_picture(words: _Words, order: PlaneOrder, copy_above: CopyAbove) -> b
     """A picture with its header, as 0x1A2A announces it.
 
     words : (height, width), bit j of each is plane j (`pdcd.driver.draw_plane_words`).
-    Pixels are sent as they are where they would not get fewer.
+    Pixels are sent uncompressed if compression would not make them shorter.
     """
     height, width = words.shape
     stream, kind = encode_erle(words, order, copy_above), _ERLE
@@ -49,8 +49,8 @@ def encode_picture(words: _Words, order: PlaneOrder, copy_above: CopyAbove) -> b
 
 
 def encode_erle(words: _Words, order: PlaneOrder, copy_above: CopyAbove) -> bytes:
-    """The stream of a picture, (height, width), each line in the fewest bytes that are allowed."""
-    above = np.zeros(len(words), dtype=np.bool_)  # lines that are that above
+    """The stream of a picture, (height, width); each line takes the fewest bytes possible."""
+    above = np.zeros(len(words), dtype=np.bool_)  # lines that equal the line above
     if copy_above != "never":
         above[1:] = (words[1:] == words[:-1]).all(axis=1)
     lines = np.flatnonzero(~above)
@@ -64,7 +64,7 @@ def encode_erle(words: _Words, order: PlaneOrder, copy_above: CopyAbove) -> byte
 def _find_pieces(
     words: _Words, lines: _Numbers, *, parts: bool
 ) -> tuple[_Numbers, NDArray[np.bool_]]:
-    """Where pieces begin in these lines, counted in pixels of the picture, and which are copies."""
+    """Where pieces begin in these lines, as pixels of the picture, and which pieces are copies."""
     width = words.shape[1]
     own = words[lines]
     begins = np.ones(own.shape, dtype=np.bool_)
@@ -73,7 +73,7 @@ def _find_pieces(
     copied = np.zeros(at.size, dtype=np.bool_)
     if parts and lines.size:
         same = np.zeros(own.shape, dtype=np.bool_)
-        later = lines > 0  # the first line has none above
+        later = lines > 0  # there is no line above the first
         same[later] = own[later] == words[lines[later] - 1]
         begins &= ~same
         begins[:, 1:] |= same[:, 1:] != same[:, :-1]
@@ -116,7 +116,7 @@ def _write_pieces(
 
 
 def _order_bytes(words: _Words, order: PlaneOrder) -> NDArray[np.uint8]:
-    """Pixels as the three bytes that are sent of each, (n, 3)."""
+    """The three bytes that are sent for each pixel, (n, 3)."""
     sent = np.empty((words.size, 3), dtype=np.uint8)
     for group, letter in enumerate(order):
         sent[:, "RGB".index(letter)] = words >> np.uint32(8 * group)

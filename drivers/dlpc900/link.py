@@ -32,9 +32,9 @@ _VENDOR = 0x0451
 _PRODUCTS = {"DLPC900": 0xC900, "DLPC350": 0x6401}
 _INTERFACE, _OUT, _IN = 0, 0x01, 0x81
 _ANSWER_S = 1.0
-"""Longest that one report, or an answer, may be waited for."""
+"""Longest wait for one report, or for an answer."""
 _STEP_MS = 100
-"""Longest transfer between two looks at who waits for it."""
+"""Longest transfer between two checks whether it is still wanted."""
 _FLUSH_MS = 2
 _MOST_STALE = 64
 _GONE = (errno.ENODEV, errno.ESHUTDOWN, errno.ENXIO, errno.ENOENT)
@@ -43,11 +43,11 @@ _PERMISSION_HINT = "install pdcd's udev rule, be in its group, and plug the devi
 
 
 class _NoAnswer(DeviceLost):
-    """The device takes or gives nothing within the time."""
+    """The device neither takes nor sends anything within the time."""
 
 
 class FoundDevice(NamedTuple):
-    """One on the USB. serial : None where it has none, or may not be asked."""
+    """A device on the USB. serial : None if it has none, or may not be asked for it."""
 
     device: Any
     serial: str | None
@@ -56,12 +56,12 @@ class FoundDevice(NamedTuple):
 
     @property
     def name(self) -> str:
-        """For messages."""
+        """Its name in messages."""
         return f"{self.serial or 'no serial number'} on port {self.port}"
 
 
 def list_devices(backend: object, *controllers: str) -> list[FoundDevice]:
-    """Every one there is of these controllers; without any, every DLPC900.
+    """Every device with one of these controllers; if none is given, every DLPC900.
 
     backend : of pyusb; None is the machine's libusb. Raises DriverUnavailable, DeviceLost.
     """
@@ -86,7 +86,8 @@ def list_devices(backend: object, *controllers: str) -> list[FoundDevice]:
 def choose_device(
     found: list[FoundDevice], wanted: str, role: str, kind: str = "DLPC900"
 ) -> FoundDevice:
-    """The device of that serial number, or on that port. kind : for messages. Raises DeviceLost."""
+    """The device with this serial number, or on this port. kind : for messages. Raises DeviceLost.
+    """
     fitting = [one for one in found if wanted in (one.serial, one.port)]
     if len(fitting) == 1:
         return fitting[0]
@@ -109,11 +110,11 @@ class DeviceLink:
     """A claimed device, and its answers.
 
     Commands of several threads do not mix. Raises DeviceLost, after which the link is `lost` and a
-    new one is needed; and whatever a refusal is (`drivers.dlpc900.commands.make_refusal`).
+    new one is needed; and the errors of refusals (`drivers.dlpc900.commands.make_refusal`).
 
-    look : called before each command and while an answer is waited for; what it raises ends the
-        wait. A command that has begun is sent to its end: the device would take the next for the
-        rest of it.
+    look : called before each command and while waiting for an answer; an exception from it ends the
+        wait. A command that has begun is sent to its end, as the device would take the next one for
+        the rest of it.
     """
 
     def __init__(self, found: FoundDevice, role: str, look: Callable[[], None]) -> None:
@@ -142,7 +143,7 @@ class DeviceLink:
             return answer
 
     def try_ask(self, command: int) -> bytes | None:
-        """The same of what not every firmware knows: None where it is refused, or passed over."""
+        """The same for commands that not every firmware knows: None if refused or ignored."""
         with self._lock:
             try:
                 answer = self._transact(READ | ANSWER, command, b"")
@@ -150,29 +151,29 @@ class DeviceLink:
                 self.lost = False
                 return None
             if answer is None and self._has_codes:
-                self._read_code()  # or it would be taken for that of a later command
+                self._read_code()  # else it would be taken for the answer to a later command
             return answer
 
     def tell(self, command: int, data: bytes) -> None:
-        """Write something, and wait until it was taken."""
+        """Write something, and wait until the device has accepted it."""
         with self._lock:
             if self._transact(ANSWER, command, data) is None:
                 raise self._explain(command)
 
     def pour(self, command: Command, data: bytes) -> None:
-        """Write data for which no answer may be asked."""
+        """Write data without asking for an answer."""
         with self._lock:
             self._transact(0, command, data)
 
     def check_errors(self, command: Command) -> None:
-        """Raise what the device says of commands that were not answered; `command` is named."""
+        """Raise the error that the device reports for unanswered commands; `command` is named."""
         with self._lock:
             code = self._read_code()
             if code:
                 raise make_refusal(self.role, command, code, self._read_text())
 
     def close(self) -> None:
-        """Let the device go, to the kernel's driver. Idempotent."""
+        """Release the device to the kernel's driver. Idempotent."""
         with suppress(usb.core.USBError, NotImplementedError):
             usb.util.release_interface(self._device, _INTERFACE)
             self._device.attach_kernel_driver(_INTERFACE)
@@ -180,7 +181,7 @@ class DeviceLink:
             usb.util.dispose_resources(self._device)
 
     def _explain(self, command: int) -> Exception:
-        """The error of a command that was refused just now."""
+        """The error of a command that has just been refused."""
         if not self._has_codes:
             return make_refusal(self.role, command, None, "")
         return make_refusal(self.role, command, self._read_code(), self._read_text())
@@ -194,7 +195,8 @@ class DeviceLink:
         return to_one_line(answer.partition(b"\0")[0].decode("ascii", "replace"))
 
     def _transact(self, flags: int, command: int, data: bytes) -> bytes | None:
-        """Send a command; data of its answer, where one is wanted. None: it was refused."""
+        """Send a command; returns the data of its answer if one is wanted, None if it was refused.
+        """
         self._look()
         self._sequence = self._sequence % 255 + 1
         packet = pack_command(flags, self._sequence, command, data)
@@ -206,7 +208,7 @@ class DeviceLink:
         for _ in range(_MOST_STALE):
             answer = bytes(self._transfer(self._device.read, _IN, REPORT_B, self._look))
             if len(answer) < REPLY_HEAD_B or answer[1] != self._sequence:
-                continue  # of a command before, which nobody waits for any more
+                continue  # the answer to an earlier command, no longer wanted
             length = int.from_bytes(answer[2:4], "little")
             if answer[0] & REFUSED or (flags & READ and not length):
                 return None
@@ -224,19 +226,19 @@ class DeviceLink:
             try:
                 return transfer(endpoint, data, min(left_ms, _STEP_MS))
             except usb.core.USBError as err:
-                left_ms -= _STEP_MS  # one that timed out has moved nothing, and is begun anew
+                left_ms -= _STEP_MS  # a transfer that timed out has moved nothing: begin anew
                 if not _is_timeout(err) or left_ms <= 0:
                     self.lost = True
                     raise self._refused(err) from err
 
     def _flush(self) -> None:
-        """Drop what waits from before."""
+        """Drop waiting answers to earlier commands."""
         with suppress(usb.core.USBError):
             for _ in range(_MOST_STALE):
                 self._device.read(_IN, REPORT_B, _FLUSH_MS)
 
     def _refused(self, err: usb.core.USBError) -> DeviceLost:
-        """A libusb error in words that help."""
+        """The error for a libusb error, with a hint."""
         kind: type[DeviceLost] = DeviceLost
         name, hint = self.found.name, "switch it off and on, and check its cable"
         if err.errno in _GONE:
@@ -260,12 +262,12 @@ def _read_serial(device: Any) -> str | None:
     """The serial number that a device states; reading it opens the device."""
     try:
         return to_one_line(device.serial_number) if device.serial_number else None
-    except (usb.core.USBError, ValueError):  # what pyusb says where rights are missing
+    except (usb.core.USBError, ValueError):  # raised by pyusb when rights are missing
         return None
 
 
 def _read_port(device: Any) -> str:
-    """Where it is plugged in, as Linux writes it; an address where ports are not known."""
+    """The port it is plugged into, as Linux writes it; an address if ports are not known."""
     ports = getattr(device, "port_numbers", None)
     if ports:
         return f"{device.bus}-{'.'.join(map(str, ports))}"

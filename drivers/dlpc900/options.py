@@ -16,35 +16,36 @@ _Name = Annotated[str, Meta(min_length=1)]
 
 
 class DmdOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Of a display of two DMDs, in whatever way pictures come to them."""
+    """Options of a display of two DMDs, however pictures get to them."""
 
     projector: _Name
     mask: _Name
     """Serial number of each, or the port it is plugged into ("1-4.2"); `pdcd doctor display` lists
     both."""
     usb: _Name = "libusb"
-    """The machine's own, or the name of a driver of the role `usb`."""
+    """The machine's own libusb, or the name of a driver of the role `usb`."""
     trigger_bit: Literal[0, 1] = 1
-    """Bit 0 of byte 9 of each entry with light, for a pulse at TRIG_OUT_2; guide and programs
-    disagree which value it needs. Entries of `dlpc900` that are black have the other."""
+    """Bit 0 of byte 9 of each entry with light, for a pulse at TRIG_OUT_2; TI's guide and programs
+    disagree on its value. Black entries of `dlpc900` have the other value."""
     led: Annotated[int, Meta(ge=0, le=7)] = 1
     """LEDs that are lit with each plane, as bits."""
     rest: Literal["black", "standby", "idle"] = "black"
-    """What mirrors do once the display is closed: hold black, park, or toggle evenly to last
+    """What mirrors do after the display is closed: hold black, park, or toggle evenly to last
     longer. Only black is dark."""
 
 
 class Dlpc900Options(DmdOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Which two devices, how they start, and what the guides leave open."""
+    """Which two devices, how they start, and choices that the guides leave open."""
 
     start: Literal["trigger", "chain", "software"] = "trigger"
-    """What starts a sequence: one edge on TRIG_IN_1 of both, from the camera; the computer, and
-    TRIG_OUT_1 of the projector starts the mask by its TRIG_IN_1; the computer, each by itself."""
+    """What starts a sequence. "trigger": an edge from the camera on TRIG_IN_1 of both. "chain": the
+    computer starts the projector, whose TRIG_OUT_1 starts the mask through its TRIG_IN_1.
+    "software": the computer starts each by itself."""
     edge: Literal["rising", "falling"] = "rising"
     """Which edge on TRIG_IN_1."""
     plane_order: PlaneOrder = "GBR"
-    """Which byte of a pixel holds planes 0-7, 8-15 and 16-23, R being sent first: "GBR" as TI's
-    programs have it, "BGR" as others do."""
+    """Which byte of a pixel holds planes 0-7, 8-15 and 16-23, where R is sent first: "GBR" as in
+    TI's programs, "BGR" as in others."""
     copy_above: CopyAbove = "lines"
     """What compressed pictures may copy from the line above: whole lines, "parts" of a line (which
     is much shorter for turned panels), or nothing."""
@@ -56,7 +57,7 @@ class Dlpc900Options(DmdOptions, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 def read_dlpc900_options(config: Config) -> Dlpc900Options:
-    """The options of this rig's display. Raises ConfigError where they are wrong."""
+    """The options of this rig's display. Raises ConfigError if they are wrong."""
     options = read_options(
         config.display.options,
         Dlpc900Options,

@@ -1,4 +1,4 @@
-"""Waiting for both panels to have shown a table, and when they began it."""
+"""Waits until both panels have shown a table, and finds out when they began it."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from pdcd.driver import Cancelled, Clock, SyncError
 from .device import DmdPanel
 
 _POLL_S = 0.02
-"""Time between two looks at whether a sequence has ended."""
+"""Time between two checks whether a sequence has ended."""
 _REPORT_S = 0.1
 _TRIGGER_S = 5.0
-"""How long an edge may be waited for: the shutter is open by then."""
+"""Longest wait for an edge; the shutter is open by then."""
 _LATE_S = 0.5
-"""How much later than planned a sequence may end, or one panel than the other."""
+"""How much later than planned a sequence may end, and how much later on one panel than the other.
+"""
 _EARLY_S, _EARLY_SHARE = 0.01, 1e-3
-"""By how much a panel may end too early: no more than what its clock is off."""
+"""How much too early a panel may end: no more than its clock may be off."""
 _HINTS = {
     "trigger": "check the wires from the camera to TRIG_IN_1 of both, and display.options.edge",
     "chain": "check the wire from the projector's TRIG_OUT_1 to the mask's TRIG_IN_1",
@@ -30,11 +31,11 @@ _HINTS = {
 
 @dataclass(frozen=True)
 class BlockWatch:
-    """One table, shown by both panels since just now, or as soon as their trigger comes.
+    """One table, which both panels have just begun to show, or will show when their trigger comes.
 
-    begins_us : of each panel, when rows begin, and black after them.
-    starts_ns : when the first row began on each; None: at an edge that nobody has seen.
-    start : how, as in the options.
+    begins_us : for each panel, when rows begin, and black after them.
+    starts_ns : when the first row began on each; None: at an edge whose time is not known.
+    start : how it starts, as in the options.
     """
 
     panels: Sequence[DmdPanel]
@@ -44,10 +45,10 @@ class BlockWatch:
     start: str
 
     def wait(self, tell: Callable[[int], None], cancelled: Callable[[], bool]) -> tuple[int, int]:
-        """Return when all was shown: when the first row began on projector and mask.
+        """Wait until all was shown; returns when the first row began on projector and mask.
 
-        `tell` is given the number of rows ten times a second. Raises SyncError where a panel
-        shows it for too long, not long enough, or not at all; Cancelled.
+        `tell` gets the number of rows ten times a second. Raises SyncError if a panel shows the
+        table for too long, not long enough, or not at all; Cancelled.
         """
         clock, told_ns, until_ns = self.clock, 0, self._find_end_ns()
         ended_ns: dict[str, int] = {}
@@ -74,7 +75,7 @@ class BlockWatch:
         return [1000 * int(begins[-1]) for begins in self.begins_us]
 
     def _find_end_ns(self) -> int:
-        """When all must be over."""
+        """The time by which everything must be over."""
         if self.starts_ns is None:
             return self.clock.now_ns() + max(self._lasts_ns) + round(_TRIGGER_S * 1e9)
         return max(self.starts_ns) + max(self._lasts_ns) + round(_LATE_S * 1e9)

@@ -1,7 +1,7 @@
-"""Frames as what two panels are sent: planes, tables of entries, and when each row begins.
+"""Turns frames into what two panels are sent: planes, tables of entries, and times of rows.
 
-Times are whole microseconds, as the device counts them. A table holds one entry a row; where it has
-no room for them, rows that show the same one after the other become one entry.
+Times are whole microseconds, as the device counts them. A table holds one entry a row; if that is
+too many, consecutive rows that show the same become one entry.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from .around import BLACK_PLANE, TableEntry
 from .commands import MOST_US
 
 SOURCE = "dlpc900"
-"""Name of the time source: one start, and the sums of the table's times."""
+"""Name of the time source: the start plus the sums of the table's times."""
 _NEAR = 1e-3
-"""Share by which a row may differ from whole microseconds."""
+"""Largest relative difference of a row's length from whole microseconds."""
 _PULSES_HINT = (
     "check the wires from TRIG_OUT_2 of both; where about one pulse comes, or none, set the other "
     "display.options.trigger_bit"
@@ -39,8 +39,8 @@ _Numbers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class PanelPlanes:
-    """What one panel shows: `plane` (R,) says which of `keys` at each row, -1 none; `rows` of the
-    frames show each."""
+    """What one panel shows: `plane` (R,) is the number in `keys` for each row, -1 for none; `rows`
+    are rows of the frames that show each key."""
 
     plane: NDArray[np.int32]
     keys: tuple[bytes, ...]
@@ -54,12 +54,12 @@ class PanelPlanes:
 
 @dataclass(frozen=True)
 class DmdSequence:
-    """R rows, as projector and mask are asked for them, in blocks that one table holds each.
+    """R rows for projector and mask, in blocks that each fit one table.
 
     asked : (2, R) rows of the frames, `BLACK` for none.
     row_us, dark_us, delay_us : length of rows; dark time after each, and delay of the mask (R,).
-    blocks : first row of each, and the one behind its last. joined : whether entries hold rows that
-        are alike.
+    blocks : first row of each, and the row after its last. joined : whether an entry may hold
+        several equal rows.
     """
 
     frames: Frames
@@ -73,8 +73,8 @@ class DmdSequence:
     joined: bool = False
 
     def begins_us(self, side: int, block: tuple[int, int]) -> _Numbers:
-        """When each row of a block begins on a panel, and black after them: the projector's first
-        is at 0."""
+        """When each row of a block begins on a panel, and black after them; the projector's first
+        row begins at 0."""
         first, last = block
         begins = np.append(0, np.cumsum(self.row_us + self.dark_us[first:last]))
         begins[-1] -= self.dark_us[last - 1]  # black ends the last row
@@ -84,7 +84,7 @@ class DmdSequence:
         return begins
 
     def lead_us(self, block: tuple[int, int]) -> tuple[int, int]:
-        """By how much each panel is to be started after the other."""
+        """How much later each panel must be started than the other."""
         delay_us = int(self.delay_us[block[0]])
         return max(0, -delay_us), max(0, delay_us)
 
@@ -102,8 +102,8 @@ class DmdSequence:
     def _find_entries(
         self, side: int, block: tuple[int, int], joined: bool
     ) -> tuple[NDArray[np.int32], _Numbers, _Numbers]:
-        """Of each entry of `make_table` its plane, as `PanelPlanes` numbers them, its exposure and
-        the dark time after it."""
+        """For each entry of `make_table`: its plane, numbered as in `PanelPlanes`, its exposure,
+        and the dark time after it."""
         first, last = block
         plane = self.planes[side].plane[first:last]
         dark_us = self.dark_us[first:last].copy()
@@ -112,8 +112,8 @@ class DmdSequence:
         return _join_rows(plane, exposure_us, dark_us) if joined else (plane, exposure_us, dark_us)
 
     def make_log(self, starts_ns: Sequence[tuple[int, int]]) -> FrameLog:
-        """The log of blocks whose row 0 began on the projector, and would have on the mask without
-        its delay, at these times."""
+        """The log of blocks. `starts_ns` are the times at which their first rows began on the
+        projector, and would have begun on the mask without its delay."""
         logs = []
         for block, start_ns in zip(self.blocks, starts_ns, strict=True):
             part = slice(*block)
@@ -146,7 +146,7 @@ class DmdSequence:
 
 
 def count_row_us(row_hz: float) -> int:
-    """The length of a row. Raises ConfigError for what is no whole number of microseconds."""
+    """The length of a row. Raises ConfigError unless it is a whole number of microseconds."""
     row_us = max(1, round(1e6 / row_hz))
     if abs(row_us * row_hz * 1e-6 - 1.0) > _NEAR:
         raise ConfigError(
@@ -158,8 +158,8 @@ def count_row_us(row_hz: float) -> int:
 
 
 def make_sequence(frames: Frames, row_us: int, mask_delay: int) -> DmdSequence:
-    """All rows of the frames; `with_blocks` cuts them. Raises ConfigError for grey levels, and for
-    times that are none."""
+    """All rows of the frames, not yet in blocks. Raises ConfigError for grey levels, and for
+    invalid times."""
     check_binary(frames.primal_patterns, frames.dual_patterns)
     asked = np.stack(streams(np.arange(len(frames), dtype=np.int32), mask_delay))
     of_row = np.where(asked[0] == BLACK, asked[1], asked[0])
@@ -174,8 +174,8 @@ def make_sequence(frames: Frames, row_us: int, mask_delay: int) -> DmdSequence:
 
 
 def find_blocks(sequence: DmdSequence, most: int) -> tuple[tuple[tuple[int, int], ...], bool]:
-    """How to cut a sequence for tables of so many entries, and whether rows that are alike are
-    joined: in one where that is possible, else in whole rounds of what repeats."""
+    """How to cut a sequence for tables of at most `most` entries, and whether equal rows are
+    joined: one block if possible, else blocks of whole periods of the sequence."""
     count = sequence.asked.shape[1]
     whole = ((0, count),)
     if count <= most:
@@ -195,7 +195,7 @@ def find_blocks(sequence: DmdSequence, most: int) -> tuple[tuple[tuple[int, int]
 
 
 def count_fitting_codes(sequence: DmdSequence, most_rows: int, most_planes: int) -> int:
-    """How many codes of these frames fit so many rows, and planes."""
+    """How many codes of these frames fit this many rows and planes."""
     frames = sequence.frames
     codes = max(1, len(np.unique(frames.code[frames.code >= 0])))
     fits = [most_rows * codes // sequence.asked.shape[1]]
@@ -234,7 +234,7 @@ def _find_planes(frames: Frames, side: int, asked: NDArray[np.int32]) -> PanelPl
 def _join_rows(
     plane: NDArray[np.int32], exposure_us: _Numbers, dark_us: _Numbers
 ) -> tuple[NDArray[np.int32], _Numbers, _Numbers]:
-    """Rows that show the same one after the other as one, as long as an entry can be."""
+    """Consecutive rows that show the same, joined into entries of at most the longest exposure."""
     exposure_us = np.where(plane < 0, exposure_us + dark_us, exposure_us)
     dark_us = np.where(plane < 0, 0, dark_us)
     begins = np.append(True, (np.diff(plane) != 0) | (dark_us[:-1] > 0))

@@ -1,8 +1,9 @@
 """One DMD on a video signal: set up over USB so that it shows each picture's 24 bits in turn.
 
 Commands and their order are those of TI's guide: video mode, until the signal is locked, then
-video-pattern mode, then a table of one entry a bit. Whatever goes wrong ends in the plane without
-light that `DmdPanel` loads, which needs no signal. What differs with a DLPC350 is in `dlpc350`.
+video-pattern mode, then a table of one entry a bit. If anything goes wrong, the device shows the
+plane without light that `DmdPanel` loads, which needs no signal. `dlpc350` has the differences for
+a DLPC350.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from .device import PLANES
 from .link import DeviceLink
 
 LOCK_S, READY_S, _CHANGE_S, _PAUSE_S = 5.0, 3.0, 0.3, 0.02
-"""How long a signal may take to be locked; how long the device may take for anything else, beyond
-what the guide has for a change of mode; until it is asked again."""
+"""Longest time until a signal is locked; longest time for anything else, on top of the guide's time
+for a change of mode; that time; pause until the device is asked again."""
 _CLOCKS_OFF = 2e-3
-"""By how much a picture may be shorter, by the device's clock, than it was measured to be."""
+"""How much shorter a picture may be by the device's clock than measured, as a share."""
 SIGNAL_HINT = (
     "check the video cable and that the mode is the mirrors' own; TI's program says whether the "
     "board's receiver is switched to that input"
@@ -57,8 +58,8 @@ def divide_picture(
     """The longest equal planes that fit a picture.
 
     least_us : the shortest exposure. black_us : from the last plane until a picture may begin.
-    least_dark_us : the shortest dark time beside none. Raises ConfigError for planes that no device
-    shows.
+    least_dark_us : the shortest dark time other than 0. Raises ConfigError for planes that no
+    device can show.
     """
     if 0 < dark_us < least_dark_us:
         raise ConfigError(
@@ -85,14 +86,14 @@ class VideoEntry(NamedTuple):
 
 
 class BlackPanel(Protocol):
-    """A device by itself, which is black without a signal."""
+    """A device without a signal, which is black."""
 
     kind: str
     firmware: str
     least_us: int
 
     def take_over(self) -> None:
-        """Make it black, and see what it is."""
+        """Make it black, and identify it."""
 
     def close(self) -> None:
         """Leave it as the options say, and let it go."""
@@ -107,7 +108,7 @@ class VideoDmd:
     """
 
     black_us, least_dark_us, mode = 105, 0, VIDEO_PATTERN
-    """The black pattern that the guide has before an entry that waits; any dark time will do."""
+    """The guide's black pattern before an entry that waits; any dark time is allowed."""
 
     def __init__(
         self,
@@ -123,14 +124,14 @@ class VideoDmd:
         self._status = Hardware(0)
 
     def make_black(self) -> None:
-        """Show a plane without light that needs no signal, from whatever state."""
+        """Show a plane without light, which needs no signal, from any state."""
         self.follows = False
         self.panel = self._make_panel()
         self.panel.take_over()
 
     def follow(self, entries: Sequence[VideoEntry]) -> None:
-        """Show these bits of each picture. Raises DeviceLost where there is no signal, and what a
-        refusal is; the device is black then."""
+        """Show these bits of each picture. Raises DeviceLost if there is no signal, and the errors
+        of refusals; the device is then black."""
         self.follows = False
         try:
             self._set_up(entries)
@@ -142,14 +143,14 @@ class VideoDmd:
         self.follows = True
 
     def make_wedge(self, longest: PlaneTimes) -> list[VideoEntry]:
-        """Entries that light each plane longer than the one before it, and fit where 24 of these
-        do."""
+        """Entries that light each plane longer than the previous one; together they take no longer
+        than 24 of the `longest`."""
         least_us = self.panel.least_us
         step_us = 2 * (longest.plane_us - least_us) // PLANES
         return [VideoEntry(n, PlaneTimes(least_us + n * step_us, 0)) for n in range(PLANES)]
 
     def check(self) -> None:
-        """Raise SyncError where it does not follow the signal any more."""
+        """Raise SyncError if it does not follow the signal any more."""
         main = Main(self.link.ask(Command.MAIN)[0])
         mode = self.link.ask(Command.MODE)[:1]
         bad = self._read_hardware() & ~self._status
@@ -193,8 +194,8 @@ class VideoDmd:
         self._wait_until(running, READY_S, "does not start its planes", SIGNAL_HINT)
 
     def _enter_mode(self, after_s: float, what: str, hint: str) -> None:
-        """Enter its mode, and stop in it: it may have started something by itself. after_s : when
-        it is first asked whether it is there. what, hint : said where it never is."""
+        """Enter its mode, and stop: it may have started something by itself. after_s : when it is
+        first asked whether it is in the mode. what, hint : for the error if it never is."""
         self._tell(Command.MODE, self.mode)
         self._patience.sleep(after_s)
         self._wait_until(
@@ -222,7 +223,7 @@ class VideoDmd:
 def wait_until(
     patience: Patience, done: Callable[[], bool], within_s: float, over: DeviceLost
 ) -> None:
-    """Ask again and again; raise `over` where that takes too long."""
+    """Ask again and again; raise `over` if that takes too long."""
     with patience.within(within_s, lambda: over):
         while not done():
             patience.sleep(_PAUSE_S)

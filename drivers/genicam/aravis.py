@@ -1,7 +1,7 @@
-"""A camera as Aravis has it: found, opened, its features by name, its frames.
+"""A camera through Aravis: found, opened, its features by name, its frames.
 
-Thin: each method is one or two calls of the library, an error of which is an `AravisError`. What
-cameras differ in, and what a photo needs, is known in `drivers.genicam.device`.
+It is thin: each method is one or two calls of the library, whose errors become `AravisError`.
+`drivers.genicam.device` knows how cameras differ, and what a photo needs.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .library import AravisLibrary, GError, load_library
 WRONG_FEATURE, NOT_FOUND = 0, 6
 """Codes of the domain `DEVICE_DOMAIN`."""
 _LOST = (2, 4, 5, NOT_FOUND, 10)
-"""Not connected, a transfer that failed, timeout, not found, no longer its controller."""
+"""Codes for: not connected, transfer failed, timeout, not found, no longer its controller."""
 DEVICE_DOMAIN = "arv-device-error-quark"
 
 STATUS_WORDS = {
@@ -40,11 +40,11 @@ _CHECK = 1  # ArvAccessCheckPolicy and ArvRangeCheckPolicy: enabled
 _SOCKET_BUFFER_FIXED, _RESEND_NEVER, _RESEND_ALWAYS = 0, 0, 1
 _SOCKET_BYTES = 8 * 2**20
 _PRIVILEGE, _CONTROLLED = 0xA00, 0b11
-"""Register of GigE Vision that says whether somebody controls the camera, and bits that do."""
+"""Register of GigE Vision that says whether the camera is controlled, and the bits that say so."""
 
 
 class AravisError(Exception):
-    """What the library reports. `domain` and `code` are GLib's."""
+    """An error of the library. `domain` and `code` are GLib's."""
 
     def __init__(self, message: str, domain: str = "", code: int = 0) -> None:
         super().__init__(message)
@@ -58,13 +58,13 @@ class AravisError(Exception):
 
     @property
     def other_kind(self) -> bool:
-        """Whether the feature is there, but is no number of that kind."""
+        """Whether the feature exists, but is not a number of that kind."""
         return self.domain == DEVICE_DOMAIN and self.code == WRONG_FEATURE
 
 
 @dataclass(frozen=True)
 class FoundCamera:
-    """One camera of the networks and the USB, as it announces itself."""
+    """One camera on the networks or the USB, as it announces itself."""
 
     id: str
     vendor: str
@@ -76,8 +76,8 @@ class FoundCamera:
 
 @dataclass(frozen=True)
 class RawBuffer:
-    """One frame as it came. `status` 0 is a whole one; `timestamp_ns` is the camera's own clock;
-    with `chunks` there is more in `data` than the picture."""
+    """One frame as it came. `status` 0 is a whole frame; `timestamp_ns` is on the camera's clock;
+    with `chunks`, `data` holds more than the picture."""
 
     status: int
     frame_id: int
@@ -90,7 +90,7 @@ class RawBuffer:
 
 
 def list_cameras() -> list[FoundCamera]:
-    """All cameras that answer; takes a second, which Aravis waits for them."""
+    """All cameras that answer; Aravis waits a second for answers."""
     arv = load_library().arv
     arv.arv_update_device_list()
 
@@ -106,10 +106,10 @@ def list_cameras() -> list[FoundCamera]:
 
 
 class AravisCamera:
-    """One open camera. No method may be called once it is closed, but for `close` itself.
+    """One open camera. After `close`, no method but `close` may be called.
 
-    No signal of the library is listened to: it would be heard on a thread of the library, and a
-    camera that is let go meanwhile would end this process (GLib: "Resource deadlock avoided").
+    Signals of the library are not used: they arrive on a thread of the library, and releasing the
+    camera meanwhile would end this process (GLib: "Resource deadlock avoided").
     """
 
     def __init__(self, identifier: str) -> None:
@@ -134,13 +134,13 @@ class AravisCamera:
 
     @property
     def ours(self) -> bool:
-        """Whether it is controlled from here, and still is. A camera on a network may be open
-        without that; its heartbeat, once a second, tells when control was lost."""
+        """Whether it is still controlled from here. A camera on a network may be open without
+        being controlled; its heartbeat, once a second, notices when control is lost."""
         return not self.on_network or bool(self._arv.arv_gv_device_is_controller(self._device))
 
     def ask_ours(self) -> bool:
-        """The same, and the camera itself is asked: one that was restarted knows of nobody, before
-        a heartbeat tells."""
+        """The same, but the camera itself is asked: a restarted camera no longer knows its
+        controller, before a heartbeat notices."""
         if not self.on_network:
             return True
         found = c_uint32()
@@ -169,7 +169,7 @@ class AravisCamera:
         self._checked("arv_device_set_integer_feature_value", feature, value)
 
     def get_number(self, feature: str) -> float:
-        """Value of a float, or of a whole number: older cameras have these."""
+        """Value of a float, or of a whole number, as in older cameras."""
         try:
             return float(self._checked("arv_device_get_float_feature_value", feature))
         except AravisError as err:
@@ -178,7 +178,7 @@ class AravisCamera:
             return float(self.get_integer(feature))
 
     def set_number(self, feature: str, value: float) -> None:
-        """Set a float, or the next whole number."""
+        """Set a float, or the nearest whole number."""
         try:
             self._checked("arv_device_set_float_feature_value", feature, value)
         except AravisError as err:
@@ -206,7 +206,7 @@ class AravisCamera:
         return low.value, high.value
 
     def unit(self, feature: str) -> str | None:
-        """Unit of a float, "" where it has none; None for a feature that is no float."""
+        """Unit of a float, "" if it has none; None for a feature that is not a float."""
         try:
             self._checked("arv_device_get_float_feature_value", feature)
         except AravisError as err:
@@ -235,7 +235,7 @@ class AravisCamera:
             self._lib.glib.g_free(found)
 
     def choose(self, feature: str, value: str) -> None:
-        """Set an enumeration, where it has another value and offers this one."""
+        """Set an enumeration, if it has another value and offers this one."""
         if self.get_text(feature) != value and value in self.choices(feature):
             self.set_text(feature, value)
 
@@ -244,16 +244,16 @@ class AravisCamera:
         self._checked("arv_device_execute_command", command)
 
     def start(self) -> None:
-        """Start the acquisition: frames come from now on, where triggers let them."""
+        """Start the acquisition: from now on frames come as triggers allow."""
         self._checked("arv_camera_start_acquisition", device=False)
 
     def stop(self) -> None:
-        """Stop it; an exposure that goes on is given up."""
+        """Stop it; a running exposure is abandoned."""
         self._checked("arv_camera_stop_acquisition", device=False)
 
     def set_packet_size(self, size: int | None) -> int:
-        """Bytes of the packets of a GigE camera; None: as large as the way takes them, as found by
-        test packets. Returns what is set."""
+        """Set the packet size of a GigE camera, in bytes; None: as large as the network allows, as
+        found by test packets. Returns the size that is set."""
         if size is not None:
             self._checked("arv_camera_gv_set_packet_size", size, device=False)
         elif self.has("GevSCPSFireTestPacket"):
@@ -263,8 +263,8 @@ class AravisCamera:
     def open_stream(self, payload_bytes: int, buffers: int, *, resend: bool) -> None:
         """Be ready to receive frames of that size.
 
-        Socket buffers are large, and no packet socket is used: with it root sees no frame of the
-        loopback, and nobody else may have one.
+        Socket buffers are large. No packet socket is used: with one, root receives no frames on the
+        loopback, and other users may not open one.
         """
         if self.on_network:
             self._arv.arv_camera_gv_set_stream_options(self._camera, _PACKET_SOCKET_DISABLED)
@@ -280,7 +280,7 @@ class AravisCamera:
             )
 
     def pop(self, wait_s: float) -> RawBuffer | None:
-        """The next frame, whole or not; None where none came in that time."""
+        """The next frame, whole or not; None if none came in that time."""
         if self._stream is None:
             return None
         if wait_s > 0.0:
@@ -295,13 +295,13 @@ class AravisCamera:
             self._arv.arv_stream_push_buffer(self._stream, buffer)
 
     def close_stream(self) -> None:
-        """Receive no more. Idempotent."""
+        """Stop receiving. Idempotent."""
         stream, self._stream = self._stream, None
         if stream is not None:
             self._lib.gobject.g_object_unref(stream)
 
     def close(self) -> None:
-        """Let the camera go. Idempotent; takes seconds where it does not answer."""
+        """Release the camera. Idempotent; takes seconds if it does not answer."""
         self.close_stream()
         camera, self._camera = self._camera, None
         if camera is not None:
@@ -329,7 +329,7 @@ class AravisCamera:
         )
 
     def _checked(self, function: str, *arguments: Any, device: bool = True) -> Any:
-        """Call a function that may fail: of the device, of the camera, or to open one."""
+        """Call a function that may fail: one of the device, of the camera, or that opens one."""
         first: tuple[Any, ...] = ()
         if function != "arv_camera_new":
             if self._camera is None:
@@ -343,7 +343,7 @@ class AravisCamera:
 
 @contextlib.contextmanager
 def _reported(library: AravisLibrary) -> Iterator[Any]:
-    """A place for GLib's error, raised as AravisError where one was put there."""
+    """Yield a place for GLib's error, and raise AravisError if one was put there."""
     error = POINTER(GError)()
     yield error
     if not error:

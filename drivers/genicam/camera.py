@@ -1,9 +1,9 @@
 """One camera's exposures and frames: what a shutter and a readout share.
 
 A timed exposure ends by the camera's own clock. It is a little longer than planned, so that panels
-may be late; it surely began once the trigger was answered, and surely is over when its time has
-passed since. What the panels showed after that is on no photo: such an exposure is lost, as is one
-whose frame did not come whole, and both are taken again by whoever takes photos.
+may be late. It has surely begun once the trigger was answered, and is surely over when its time has
+passed since then. If the panels still showed codes after that, the exposure is lost, as is one
+whose frame did not come whole; both raise PhotoError, so that the photo is taken again.
 """
 
 from __future__ import annotations
@@ -34,29 +34,29 @@ from .levels import measure_black
 from .options import GenicamOptions, read_genicam_options
 
 _READY_S = 1.0
-"""How long a camera may take until it waits for a trigger, and until it has taken one: some need
-most of a second after settings changed."""
+"""Longest time until a camera waits for a trigger, and until it has accepted one: some need most of
+a second after settings were changed."""
 _POLL_S = 0.002
 _SHORT_S = 0.2
-"""A shorter exposure may be over before it is seen to begin."""
+"""Exposures shorter than this may be over before they are seen to begin."""
 _SEEN_S = 0.5
-"""So long at least it is looked for; a virtual clock must not be moved before that."""
+"""Shortest wait to see an exposure begin; a virtual clock must not be moved before that."""
 _EARLY_S = 0.25
-"""An exposure that would go on for so long and all its margin is given up instead."""
+"""An exposure that would go on for this long plus all its margin is abandoned instead."""
 _STRAY_S = 0.3
-"""After an exposure that was given up it must be quiet for so long: its frame may be on its way."""
+"""After an abandoned exposure no frame must come for this long: its own may be on its way."""
 _BLACK_TRIES = 3
 _BACK_S, _LOOK_BACK_S = 3.5, 0.1
-"""So long a camera that was lost is looked for anew before an exposure, and each look may take
-letting the old one go (1 s) and a command that is not answered (2.5 s, 5 beside a heartbeat): a job
-without its camera ends within ten."""
+"""How long a lost camera is looked for before an exposure, and the pause between looks. Each look
+may take the time to release the old one (1 s) and for an unanswered command (2.5 s, 5 with a
+heartbeat), so a job without its camera ends within ten seconds."""
 
 
 class GenicamCamera:
     """A camera by its options, open while a shutter or a readout needs it.
 
-    A camera that was lost is trusted no more, though it may seem to answer: it is opened anew by
-    the next `open`, and by the next `arm`, which waits for one that is about to come back.
+    A camera that was lost is not trusted any more, even if it seems to answer: the next `open` or
+    `arm` opens it anew; `arm` waits for it to come back.
     """
 
     def __init__(
@@ -67,8 +67,8 @@ class GenicamCamera:
         patience: Patience | None = None,
         moves: Callable[[], bool] = lambda: False,
     ) -> None:
-        """`moves` says whether the next exposure is to begin and end while panels are lit, and so
-        to be as long as planned and no longer."""
+        """`moves` says whether the next exposure begins and ends while panels are lit, so that it
+        must be exactly as long as planned."""
         self.options = options
         self._moves = moves
         self.clock = clock
@@ -79,15 +79,15 @@ class GenicamCamera:
         self._frames: FrameReceiver
         self._settings: CameraSettings | None = None
         self._time: tuple[float, float] | None = None
-        """Of the next exposure: what the camera was set to, and what of it is margin, s."""
+        """Of the next exposure: the time set in the camera, and the margin in it, s."""
         self._planned_s: float | None = None
         self._exposure: TimedExposure | None = None
         self._owes_frame = False
-        """Whether a frame of an exposure that was given up may yet come."""
+        """Whether the frame of an abandoned exposure may still come."""
         self._black: dict[int, int | Sequence[int]] = {}
         self._primed = False
-        """Whether a frame came since the camera was opened. Of a network the library makes room for
-        frames when the first one comes, which is too late for that one where it is large."""
+        """Whether a frame has come since the camera was opened. For network cameras the library
+        allocates room when the first frame comes, which is too late for that one if it is large."""
         self._let_go: Callable[[], object] = lambda: None
         self._identity: dict[str, str] = {}
 
@@ -106,7 +106,7 @@ class GenicamCamera:
 
     @property
     def device(self) -> GenicamDevice:
-        """The open camera. Raises DeviceLost where there is none, or it was lost."""
+        """The open camera. Raises DeviceLost if there is none, or it was lost."""
         if self._device is None or self._device.lost:
             raise DeviceLost(
                 "the camera is not connected",
@@ -116,7 +116,7 @@ class GenicamCamera:
         return self._device
 
     def open(self, user: str) -> GenicamDevice:
-        """Be open for that user; a camera that was lost is opened anew. Raises DeviceLost,
+        """Open the camera for this user; a lost camera is opened anew. Raises DeviceLost,
         ConfigError."""
         if self._device is not None and self._device.lost:
             self._drop()
@@ -134,7 +134,7 @@ class GenicamCamera:
         return self._device
 
     def _check_same(self, device: GenicamDevice) -> None:
-        """Raise DeviceLost for another camera than whoever uses it knows of."""
+        """Raise DeviceLost if it is not the camera that its users know."""
         found = device.identity
         if self._users and found != self._identity:
             raise DeviceLost(
@@ -145,17 +145,17 @@ class GenicamCamera:
         self._identity = found
 
     def close(self, user: str) -> None:
-        """That user is done; after the last one the camera is let go. Idempotent."""
+        """End the use by this user; after the last one the camera is released. Idempotent."""
         self._users.discard(user)
         if not self._users:
             self._settings = None
             self._drop()
 
     def arm(self, settings: CameraSettings) -> None:
-        """Set gain and exposure; know what black is; forget frames of earlier exposures.
+        """Set gain and exposure; find the black level; drop frames of earlier exposures.
 
-        Nothing is exposed yet, so that one that was lost since is looked for, and opened anew.
-        Raises ConfigError for an ISO or a time that the camera does not offer, DeviceLost where it
+        Nothing is exposed yet, so a camera that was lost since is looked for, and opened anew.
+        Raises ConfigError for an ISO or a time that the camera does not offer, DeviceLost if it
         does not come back.
         """
         self._settings = None
@@ -190,7 +190,7 @@ class GenicamCamera:
             self._frames.forget()
 
     def expect(self, exposure_s: float) -> None:
-        """The next exposure is planned to be so long. Raises ConfigError where it cannot be."""
+        """Set the planned length of the next exposure. Raises ConfigError if it is not possible."""
         with self._trusted():
             self._plan(exposure_s)
 
@@ -220,7 +220,7 @@ class GenicamCamera:
         self._await_ready(device)
         self._frames.forget()
         begun_ns = self.clock.now_ns()
-        self._owes_frame = True  # it may have begun, whatever becomes of what follows
+        self._owes_frame = True  # from here on it may have begun, even if something fails
         device.trigger()
         told = self._await_start(device, time_s)
         self._owes_frame = False
@@ -232,7 +232,7 @@ class GenicamCamera:
     def end(self) -> int:
         """Wait until an exposure is surely over; returns the time by which it was.
 
-        One that would go on for long is given up. Without one there is nothing to do.
+        An exposure that would go on for long is abandoned. Without one there is nothing to do.
         """
         exposure = self._exposure
         now_ns = self.clock.now_ns()
@@ -246,7 +246,7 @@ class GenicamCamera:
                 self.device.abort()
             return self.clock.now_ns()
         if self.options.exposure == "edge":
-            # Nobody knows when it began: its frame tells that it is over.
+            # It is not known when it began: its frame shows that it is over.
             with self._trusted():
                 try:
                     exposure.came = self._frames.wait(exposure.time_s + self.options.wait_s)
@@ -264,8 +264,8 @@ class GenicamCamera:
     def fetch(self, timeout_s: float) -> PhotoFrame:
         """The photo of the last exposure.
 
-        Raises PhotoError for one that was lost, is not whole or did not see all of the exposure,
-        ExposureError where there was none, DeviceLost for a camera that does not answer.
+        Raises PhotoError if it was lost, is not whole or did not see all of the exposure,
+        ExposureError if there was no exposure, DeviceLost if the camera does not answer.
         """
         settings, self._settings = self._settings, None
         exposure, self._exposure = self._exposure, None
@@ -318,7 +318,7 @@ class GenicamCamera:
         )
 
     def _plan(self, exposure_s: float | None, *, exact: bool = False) -> tuple[float, float]:
-        """Set the time of the next exposure, and what of it is margin."""
+        """Set the time of the next exposure, and the margin in it."""
         options = self.options
         self._planned_s = exposure_s
         if options.exposure == "width":
@@ -335,9 +335,9 @@ class GenicamCamera:
         return self._time
 
     def _find_black(self) -> int | Sequence[int]:
-        """Level without light at the gain that is set: told, or seen in the shortest exposure.
-
-        Of a camera that was just opened that exposure is made in any case, as the first frame."""
+        """Level without light at the present gain: configured, or measured in the shortest
+        exposure. A camera that was just opened makes that exposure in any case, as its first frame.
+        """
         told = self.options.black_dn
         if told is not None and self._primed:
             return told
@@ -357,7 +357,7 @@ class GenicamCamera:
         return seen if told is None else told
 
     def _see_black(self, device: GenicamDevice) -> int | Sequence[int]:
-        """What the shortest exposure shows, of which a frame that is lost is taken again."""
+        """The level that the shortest exposure shows; a lost frame is taken again."""
         for left in range(_BLACK_TRIES - 1, -1, -1):
             set_s = device.set_exposure(device.shortest_s)
             self._frames.forget()
@@ -381,7 +381,7 @@ class GenicamCamera:
             )
 
     def _await_start(self, device: GenicamDevice, time_s: float) -> bool:
-        """Wait until the exposure is seen to begin; False where the camera does not tell."""
+        """Wait until the exposure is seen to begin; False if the camera does not report it."""
         if device.waits_for_trigger() is None:
             return False
         began = self._poll(device.waits_for_trigger, True, max(_SEEN_S, min(_READY_S, time_s)))
@@ -392,7 +392,7 @@ class GenicamCamera:
         return began
 
     def _poll(self, ask: Callable[[], bool | None], unwanted: bool, longest_s: float) -> bool:
-        """Ask until the answer is another than that, so long at most."""
+        """Ask until the answer is not `unwanted`, for at most `longest_s`."""
         pause = threading.Event()
         for _ in range(max(1, round(longest_s / _POLL_S))):
             if ask() is not unwanted:
@@ -403,7 +403,7 @@ class GenicamCamera:
 
     @contextmanager
     def _trusted(self) -> Iterator[None]:
-        """Trust a camera that did not answer no more: it is opened anew before it is used again."""
+        """Mark a camera that did not answer: it is opened anew before it is used again."""
         try:
             yield
         except DeviceLost:
@@ -412,7 +412,7 @@ class GenicamCamera:
             raise
         except ConfigError:
             if self._device is not None:
-                self._device.check_ours()  # one that was restarted refuses, too
+                self._device.check_ours()  # a restarted camera refuses, too
             raise
 
     def _drop(self) -> None:

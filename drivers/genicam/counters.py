@@ -1,4 +1,4 @@
-"""The camera's counters: pulses at two of its inputs since they were set back."""
+"""The camera's counters: pulses at two of its inputs since the last reset."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ _WORDS = (
     ("CounterTriggerSource", "Off"),
     ("CounterResetSource", "Off"),
 )
-"""How a counter is set, as far as a camera has it: it counts at once, and is set back by command
-alone."""
+"""Settings of a counter, as far as a camera has them: it counts at once, and is only reset by
+command."""
 
 
 PULSES_HINT = (
     "see that camera.options.pulses names the inputs that they lead to, the projector's first"
 )
-"""What to look at where the counts are others than there were to be."""
+"""Hint for counts that differ from the expected ones."""
 
 
 class PulseCounters:
     """Two counters, one for each input. All methods raise AravisError."""
 
     def __init__(self, camera: AravisCamera, lines: tuple[str, str]) -> None:
-        """Set up the first two. Raises ConfigError for a camera that has none, or cannot count
-        what comes to these inputs."""
+        """Set up the first two. Raises ConfigError for a camera without counters, or one that
+        cannot count pulses at these inputs."""
         self._camera = camera
         self._names = camera.choices("CounterSelector") if camera.has("CounterSelector") else ()
         if len(self._names) < len(lines):
@@ -56,7 +56,7 @@ class PulseCounters:
         self._begun = self._read()
 
     def read(self) -> tuple[int, int]:
-        """Pulses since then, at the first and the second input."""
+        """Pulses since `restart`, at the first and the second input."""
         first, second = (now - then for now, then in zip(self._read(), self._begun, strict=True))
         return first, second
 

@@ -1,7 +1,7 @@
 """One camera with its settings as photos need them: found, opened, set up, and asked.
 
-No default of a maker is relied on: everything that could change samples behind one's back is
-switched off, as far as the camera has it.
+No maker's default is relied on: everything that could silently change samples is switched off, if
+the camera has it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _DOCTOR = "pdcd doctor camera says what was found"
 _PLUG = "check power and cable; pdcd doctor camera says what answers"
 _BUFFERS = 4
 _LET_GO_S = 1.0
-"""So long letting go of a camera that is gone is waited for; Aravis takes ten."""
+"""Longest wait for the release of a camera that is gone; Aravis takes ten seconds."""
 _WORD_BITS = 16
 _BASE_ISO = 100
 _GAIN_TOLERANCE_DB, _FACTOR_TOLERANCE = 0.05, 0.01
@@ -44,8 +44,8 @@ _GAIN_TOLERANCE_DB, _FACTOR_TOLERANCE = 0.05, 0.01
 
 @contextlib.contextmanager
 def report_errors(doing: str) -> Iterator[None]:
-    """Turn what the library reports into DeviceLost where the camera did not answer, and into
-    ConfigError where it refused. `doing` says what it was asked for."""
+    """Turn errors of the library into DeviceLost if the camera did not answer, and into ConfigError
+    if it refused. `doing` says what it was asked for."""
     try:
         yield
     except AravisError as err:
@@ -59,9 +59,9 @@ def report_errors(doing: str) -> Iterator[None]:
 
 
 def find_camera(wanted: str | None) -> str:
-    """What to open: an address as it is, or the one camera of that serial number or name.
+    """The identifier to open: an address as it is, or the one camera of that serial number or name.
 
-    Raises DeviceLost where there is none, ConfigError where there are several to choose from.
+    Raises DeviceLost if there is none, ConfigError if there are several to choose from.
     """
     if wanted is not None and wanted.count(".") == 3 and wanted.replace(".", "").isdigit():
         return wanted
@@ -97,9 +97,9 @@ class GenicamDevice:
         """Open and set up; nothing is exposed. Takes a second more where no address is given."""
         self.options = options
         self.distrusted = False
-        """Set once it did not answer: it may seem to, later, and be another than it was."""
+        """Set once it did not answer: later it may seem to, but be in another state."""
         self.unset: list[str] = []
-        """What the camera has but would not be switched off."""
+        """Features that the camera has but refused to switch off."""
         identifier = find_camera(options.camera)
         with report_errors("opening it"):
             self._camera = AravisCamera(identifier)
@@ -113,19 +113,19 @@ class GenicamDevice:
 
     @property
     def lost(self) -> bool:
-        """Whether it did not answer once, or is no longer controlled from here."""
+        """Whether it once did not answer, or is no longer controlled from here."""
         return self.distrusted or not self._camera.ours
 
     def ask_ours(self) -> bool:
-        """Whether it still knows that it is controlled from here, as one that was restarted does
-        not; that one is trusted no more."""
+        """Whether it still knows that it is controlled from here; a restarted camera does not, and
+        is not trusted any more."""
         with report_errors("who controls it"):
             self.distrusted = self.distrusted or not self._camera.ask_ours()
         return not self.distrusted
 
     @property
     def identity(self) -> dict[str, str]:
-        """Maker, model, serial number and firmware, as far as it tells."""
+        """Maker, model, serial number and firmware, as far as it reports them."""
         names = {
             "vendor": ("DeviceVendorName",),
             "model": ("DeviceModelName",),
@@ -137,7 +137,7 @@ class GenicamDevice:
 
     @property
     def frame_quads(self) -> tuple[int, int]:
-        """Width and height of its pictures in quads of its mosaic; pixels where it has none."""
+        """Width and height of its pictures in quads of its mosaic; in pixels if it has none."""
         side = 1 if self.pixel_format.cfa is None else 2
         return self.size[0] // side, self.size[1] // side
 
@@ -197,7 +197,7 @@ class GenicamDevice:
         return not (levels.white is levels.told is None) or self.pixel_format.bits < _WORD_BITS
 
     def set_gain(self, iso: int) -> None:
-        """Set the gain of an ISO number. Raises ConfigError with those that there are."""
+        """Set the gain of an ISO number. Raises ConfigError, which lists the possible ones."""
         if iso not in self._gains:
             raise ConfigError(
                 f"ISO {iso} is not offered",
@@ -209,7 +209,7 @@ class GenicamDevice:
                 self._camera.set_number(self._gain, self._gains[iso])
 
     def set_exposure(self, exposure_s: float) -> float:
-        """Set how long it exposes; returns what the camera made of it, s.
+        """Set how long it exposes; returns the time that the camera set, s.
 
         Raises ConfigError for a time beyond its own limit."""
         if exposure_s > self.longest_s:
@@ -225,7 +225,7 @@ class GenicamDevice:
             return 1e-6 * self._camera.get_number(self._time)
 
     def set_start(self, exposure: ExposureName) -> None:
-        """Have exposures begin and end another way; acquisition is started anew."""
+        """Change how exposures begin and end; acquisition is started anew."""
         with report_errors(f"exposures that are {exposure}"):
             self._camera.stop()
             self._set_start(exposure)
@@ -237,14 +237,14 @@ class GenicamDevice:
             self._camera.execute("TriggerSoftware")
 
     def waits_for_trigger(self) -> bool | None:
-        """Whether it would take a trigger now; None where it does not tell."""
+        """Whether it would accept a trigger now; None if it does not report that."""
         if not self._tells_waiting:
             return None
         with report_errors("whether it waits for a trigger"):
             return self._camera.get_boolean("AcquisitionStatus")
 
     def abort(self) -> None:
-        """Give up an exposure that goes on: no frame comes of it."""
+        """Abandon a running exposure: it gives no frame."""
         with report_errors("ending an exposure"):
             if self._camera.has("AcquisitionAbort"):
                 self._camera.execute("AcquisitionAbort")  # a stop may wait for its end
@@ -252,9 +252,9 @@ class GenicamDevice:
             self._camera.start()
 
     def record(self) -> dict[str, str]:
-        """What the camera says of itself at a photo, in its own words.
+        """What the camera reports about itself at a photo, in its own words.
 
-        Proves that it answers, and is set as it was: raises PhotoError where it was restarted."""
+        This proves that it answers and kept its settings: raises PhotoError if it was restarted."""
         found = {"PixelFormat": self.pixel_format.name, **self.levels.words}
         with report_errors("its record"):
             for feature in (self._time, self._gain, "BlackLevel", "DeviceTemperature"):
@@ -270,7 +270,7 @@ class GenicamDevice:
         return found
 
     def check_ours(self) -> None:
-        """Raise PhotoError where it does not know that it is controlled from here."""
+        """Raise PhotoError if it does not know that it is controlled from here."""
         if not self.ask_ours():
             raise PhotoError(
                 "the camera was restarted, or another program has taken it",
@@ -279,25 +279,25 @@ class GenicamDevice:
             )
 
     def restart_counters(self) -> None:
-        """Count pulses from now on, where `GenicamOptions.pulses` says of which inputs."""
+        """Count pulses from now on, at the inputs in `GenicamOptions.pulses`, if there are any."""
         if self._counters is not None:
             with report_errors("counting pulses"):
                 self._counters.restart()
 
     def count_pulses(self) -> tuple[int, int] | None:
-        """Pulses since then, of projector and mask; None where none are counted."""
+        """Pulses of projector and mask since then; None if none are counted."""
         if self._counters is None:
             return None
         with report_errors("its counters"):
             return self._counters.read()
 
     def pop(self, wait_s: float) -> RawBuffer | None:
-        """The next frame as `AravisCamera.pop` has it."""
+        """The next frame, from `AravisCamera.pop`."""
         return self._camera.pop(wait_s)
 
     def close(self) -> None:
-        """Let the camera go. Idempotent, and never fails; one that does not answer is let go by a
-        thread, which is not waited for to its end."""
+        """Release the camera. Idempotent, and never fails; a camera that does not answer is
+        released by a thread, whose end is not awaited."""
         gone, self.distrusted = self.lost, True
         if not gone:
             with contextlib.suppress(AravisError):
@@ -310,7 +310,7 @@ class GenicamDevice:
             ending.join(_LET_GO_S)
 
     def _try(self, feature: str, action: Callable[[], None]) -> None:
-        """Set a feature where there is one; a refusal is noted, a camera that is lost raises."""
+        """Set a feature if there is one; a refusal is noted, a lost camera raises."""
         camera = self._camera
         if not camera.has(feature):
             return
@@ -367,7 +367,7 @@ class GenicamDevice:
         self._set_trigger("Software" if exposure == "timed" else self.options.line)
 
     def _set_trigger(self, source: str) -> None:
-        """Every frame starts by a trigger from there, and by that one alone."""
+        """Let every frame be started by a trigger from this source, and by nothing else."""
         camera = self._camera
         if camera.has("TriggerSelector"):
             selectors = camera.choices("TriggerSelector")
@@ -384,7 +384,7 @@ class GenicamDevice:
         camera.set_text("TriggerMode", "On")
 
     def _find_waiting(self) -> bool:
-        """Whether it tells that it waits for a trigger of a frame."""
+        """Find out whether it reports that it waits for a frame's trigger."""
         camera, selector = self._camera, "AcquisitionStatusSelector"
         if not camera.has("AcquisitionStatus"):
             return False
@@ -397,10 +397,9 @@ class GenicamDevice:
 
     def _find_gains(self) -> tuple[str | None, dict[int, float]]:
         """The feature that sets the gain, and its value for each ISO number: in dB, or as a factor
-        where it says no unit and 1 is the least.
+        if it has no unit and 1 is the least.
 
-        A camera that tells its gain in steps of its own, which are whole numbers, stands at the
-        least one.
+        A camera with a gain in whole numbers, steps of its own, stays at the least one.
         """
         camera = self._camera
         gain = next((name for name in (*GAIN_FEATURES, "GainRaw") if camera.has(name)), None)
@@ -423,7 +422,7 @@ class GenicamDevice:
         return gain, found or {_BASE_ISO: min(max(0.0, low), high)}
 
     def _find_white(self) -> int | None:
-        """White level as the camera says; None where it does not."""
+        """White level that the camera reports; None if it does not."""
         if not self._camera.has("PixelDynamicRangeMax"):
             return None
         with report_errors("its white level"):

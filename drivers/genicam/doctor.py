@@ -1,6 +1,6 @@
-"""What there is to say about machine-vision cameras here, for a person who looks for a fault.
+"""Examines machine-vision cameras here, for a person who looks for a fault.
 
-Nothing is exposed. A camera that a running daemon holds is named as that.
+Nothing is exposed. A camera that a running daemon holds is reported as held.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ def examine_genicam(
     """Yield everything that can be found out, down to the first thing that fails: the library, the
     cameras that answer, the one of the configuration with its settings, and what lies between.
 
-    options : None: those of the configuration. Returns the frame in quads, where it came to that.
-    Raises nothing of its own: what fails is a finding.
+    options : None: those of the configuration. Returns the frame in quads, if it got that far.
+    Failures become findings, not exceptions.
     """
     try:
         library = load_library()
@@ -83,7 +83,7 @@ def _examine_device(device: GenicamDevice) -> Iterator[Finding]:
 
 
 def _examine_way(device: GenicamDevice) -> Iterator[Finding]:
-    """Whether frames find room on their way here."""
+    """Whether buffers on the way here have room for frames."""
     if not device.on_network:
         yield _judge_room("usbfs_memory_mb", _USBFS, _USB_MB, "usbcore.usbfs_memory_mb=1000")
         return

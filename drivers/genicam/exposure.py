@@ -1,4 +1,4 @@
-"""One exposure as it goes: when it began and ends, and what became of it."""
+"""One exposure: when it began and ends, and its outcome."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from .device import CAMERA_DEVICE
 
 @dataclass
 class TimedExposure:
-    """One that was begun. `begun_ns` is before the trigger, `sure_ns` when it surely had begun;
-    `time_s` is what the camera's clock gives it, `spare_s` what of it is margin."""
+    """An exposure that was begun. `begun_ns` is before the trigger, `sure_ns` when it had surely
+    begun; `time_s` is its length by the camera's clock, `spare_s` the margin in that."""
 
     begun_ns: int
     sure_ns: int
@@ -23,7 +23,7 @@ class TimedExposure:
     closed: bool = False
     aborted: bool = False
     came: RawBuffer | PhotoError | None = None
-    """The frame, where it alone says that the exposure is over, or why there is none."""
+    """The frame, if only the frame shows that the exposure is over; or why there is none."""
 
     @property
     def ends_ns(self) -> int:
@@ -37,7 +37,7 @@ class TimedExposure:
 
 
 def check_exposed(exposure: TimedExposure | None) -> None:
-    """Raise where there is no photo to wait for."""
+    """Raise an error if there is no photo to wait for."""
     if exposure is None:
         raise ExposureError(
             "nothing was exposed", device=CAMERA_DEVICE, hint="open and close the shutter first"

@@ -1,5 +1,5 @@
-"""Features by their names, today's and older ones: what could change samples behind one's back and
-is set plain, and what goes by several names, the first that a camera has."""
+"""Names of features, present and older ones: features that could silently change samples and are
+set to neutral values, and features with several names, of which the first that exists is used."""
 
 PLAIN_WORDS = (
     ("AcquisitionMode", "Continuous"),
@@ -14,7 +14,7 @@ PLAIN_WORDS = (
     ("BlackLevelSelector", "All"),
     ("TriggerOverlap", "Off"),
 )
-"""What is chosen, where the camera has it."""
+"""Enumerations and the values that are chosen, if the camera has them."""
 PLAIN_SWITCHES = (
     "AcquisitionFrameRateEnable",
     "AcquisitionFrameRateEnabled",
@@ -29,7 +29,7 @@ PLAIN_SWITCHES = (
     "ReverseY",
     "ChunkModeActive",
 )
-"""What is switched off."""
+"""Features that are switched off."""
 PLAIN_ONES = (
     "Gamma",
     "BinningHorizontal",
@@ -37,7 +37,7 @@ PLAIN_ONES = (
     "DecimationHorizontal",
     "DecimationVertical",
 )
-"""What is set to 1."""
+"""Features that are set to 1."""
 TIME_FEATURES = ("ExposureTime", "ExposureTimeAbs")
 GAIN_FEATURES = ("Gain", "GainAbs")
 START_SELECTORS = ("FrameStart", "FrameBurstStart", "AcquisitionStart")
