@@ -1,14 +1,14 @@
-"""A process beside this one that closes the shutter when this one cannot, and the talk with it.
+"""A process beside this one that closes the shutter when this one cannot, and the line to it.
 
-What it does then is the business of the driver that has it: `drivers.serial_shutter.guardian` and
-`drivers.ptp.guardian`. The talk is words and answers on a line (`pdcd.child`). The kernel closes
-this end however this process ends, and that end is the last word.
+Each driver says how its guardian closes the shutter: `drivers.serial_shutter.guardian`,
+`drivers.ptp.guardian`. The two processes exchange words and answers on a line (`pdcd.child`). The
+kernel closes this end however this process ends, and that is the last word.
 
-A guardian is born with every signal blocked: whoever ends or kills a whole service, or the watchdog
-that sends SIGABRT to all of it, means the daemon, and then the guardian has its part still to do.
-SIGKILL and SIGSTOP cannot be blocked, so an armed guardian is looked after by a thread of this
-process, which puts another in the place of one that does not answer. And the other way round: an
-armed guardian that hears nothing for `FROZEN_S` takes this process for frozen.
+A guardian starts with every signal blocked: a signal to a whole service, such as the watchdog's
+SIGABRT, is meant for the daemon, and then the guardian still has its work to do. SIGKILL and
+SIGSTOP cannot be blocked, so a thread of this process watches an armed guardian, and replaces one
+that does not answer. In turn, an armed guardian that hears nothing for `FROZEN_S` assumes that this
+process is frozen.
 """
 
 from __future__ import annotations
@@ -25,30 +25,31 @@ from pdcd.driver import DeviceLost, PdcdError
 logger = logging.getLogger(__name__)
 
 GUARD_LOOK_S = 0.1
-"""Between two looks at an armed guardian."""
+"""Time between two checks of an armed guardian."""
 HEARD_S = 0.3
-"""What its answer may take then: one that is dead, stopped or stuck is noticed after `GUARD_LOOK_S`
-and this at the latest. One that was only slow is replaced too, which does no harm."""
+"""Longest time for its answer then: a guardian that is dead, stopped or stuck is noticed after
+`GUARD_LOOK_S` plus this. One that is only slow is replaced, too, which does no harm."""
 FROZEN_S = 10.0
-"""Of silence, after which an armed guardian does not wait any longer."""
+"""Silence after which an armed guardian does not wait any longer."""
 _END_S = 5.0
-"""Bound of the end of a guardian that has little left to do."""
+"""Longest time for a guardian with little left to do to end."""
 
 
 def _nothing(why: str) -> None:
-    """Nobody to tell."""
+    """Ignore the reason."""
 
 
 class ShutterGuard:
-    """One such process, from `start_child`, the first `insist` or the first `arm` on.
+    """One guardian process, from `start`, the first `insist` or the first `arm` on.
 
     command : what to run; the number of its end of the line is added. It must answer to ``look``.
     inherits : further file descriptors that it gets.
-    answer_s : bound of each of its answers, the first with its start.
+    answer_s : longest time for each answer; for the first it includes the start.
     unguarded : ends the exposure. Called with the reason, from another thread, when an armed
-        guardian is gone and no other can be had; again at the next look where it raises PdcdError.
+        guardian is gone and no other can be started; if it raises PdcdError, again at the next
+        check.
 
-    Its methods are for one thread at a time; the one that looks after it is the guard's own affair.
+    Its methods are for one thread at a time, apart from the guard's own watching thread.
     """
 
     def __init__(
@@ -84,9 +85,9 @@ class ShutterGuard:
         )
 
     def ask(self, word: str, answer_s: float | None = None) -> bytes:
-        """The answer; b"" when there is none, and then that guardian is no more.
+        """The answer to a word; b"" when there is none, and then that guardian is ended.
 
-        `answer_s` is the bound, None that of the class.
+        `answer_s` is the longest time for it; None: that of the class.
         """
         within_s = self._answer_s if answer_s is None else answer_s
         with self._lock:
@@ -96,15 +97,15 @@ class ShutterGuard:
                 self._child.line.send(word, within_s=within_s)
                 return self._child.line.receive(within_s=within_s)
             except (LineClosedError, LineSilentError):
-                self._child.kill()  # without its last word
+                self._child.kill()  # before it acts on the end of the line
                 self._child = None
                 return b""
 
     def insist(self, word: str) -> None:
-        """Say it to one that hears, and replaces one that does not. Raises DeviceLost if none does.
+        """Send a word, and replace a guardian that does not answer. Raises DeviceLost if none does.
 
-        One that does not answer is killed, not asked to end: it would close the shutter first,
-        perhaps in a later exposure.
+        A guardian that does not answer is killed, not asked to end: it would close the shutter
+        first, perhaps during a later exposure.
         """
         with self._lock:
             had_one = self._child is not None
@@ -121,13 +122,13 @@ class ShutterGuard:
                 )
 
     def arm(self, word: Callable[[], str]) -> None:
-        """Insist on a word that arms it, and see until `disarm` that somebody is armed.
+        """Arm a guardian with a word, and make sure until `disarm` that one is armed.
 
-        `word()` is asked again for each that replaces another. Raises DeviceLost.
+        `word()` is called again for each replacement. Raises DeviceLost.
         """
         with self._lock:
             self.insist(word())
-            self._stand_down.set()  # whoever looked until now
+            self._stand_down.set()  # ends the previous watching thread
             self._stand_down = threading.Event()
             self._arm_word = word
             threading.Thread(
@@ -138,16 +139,17 @@ class ShutterGuard:
             ).start()
 
     def disarm(self) -> bytes:
-        """Tell it to stand down; its answer, b"" when there is none."""
+        """Disarm it; returns its answer, b"" when there is none."""
         with self._lock:
             self._stand_down.set()
             self._arm_word = None
             return self.ask("disarm")
 
     def look(self) -> bool:
-        """See that the armed guardian answers, replace one that does not; whether one is armed.
+        """Check that the armed guardian answers, and replace one that does not.
 
-        Where none can be had, the exposure is ended, or that is to be tried again.
+        If none can be started, the exposure is ended. Returns whether to check again: a guardian is
+        armed, or ending the exposure has failed.
         """
         with self._lock:
             word, stand_down = self._arm_word, self._stand_down
@@ -187,7 +189,7 @@ class ShutterGuard:
 
 
 def _look_after(guard: weakref.ref[ShutterGuard], stand_down: threading.Event) -> None:
-    """Look at a guardian until told not to, or until its guard is forgotten."""
+    """Check a guardian until told to stop, or until its guard no longer exists."""
     while not stand_down.wait(GUARD_LOOK_S):
         looked = guard()
         if looked is None or not looked.look():

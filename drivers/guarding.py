@@ -1,8 +1,8 @@
 """The process that closes a camera's shutter when the one that opened it is gone, or frozen.
 
-A bulb exposure over USB goes on until somebody ends it, and a process that is killed ends nothing.
-This one is started by a shutter's driver with one end of a socket pair (`drivers.guard`), and does
-not touch the camera, which is its parent's alone, as long as that lives:
+A bulb exposure over USB goes on until it is ended, and a killed process ends nothing. This process
+is started by a shutter's driver with one end of a socket pair (`drivers.guard`). While its parent
+lives, it does not touch the camera, which only the parent uses:
 
 ======== ======= ======================================================
 in       out     meaning
@@ -14,8 +14,8 @@ look     ok      nothing changes
 (end)            the parent is gone or done: close it if armed, then end
 ======== ======= ======================================================
 
-The kernel closes the parent's end however that ends, and frees the camera. This process is born
-with all signals blocked.
+The kernel closes the parent's end however the parent ends, and frees the camera. This process
+starts with all signals blocked.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from .guard import FROZEN_S
 logger = logging.getLogger(__name__)
 
 TRY_S = 60.0
-"""How long the camera is tried: another program may be quicker to take hold of it."""
+"""How long to try to open the camera: another program may be quicker."""
 _AGAIN_S = 0.2
 _AWAKE_S = 1.0
-"""What a parent gets to speak once this process, which may have been frozen with it, is awake."""
+"""Time for the parent to send a word once this process is awake, as both may have been frozen."""
 
 
 def run_camera_guardian(fd: int, close: Callable[[], object]) -> int:
@@ -64,20 +64,20 @@ def serve_guardian(
             word = line.receive(within_s=FROZEN_S if armed else None)
         except LineSilentError:
             if line.wait(_AWAKE_S):
-                continue  # both were frozen, and are not any more
+                continue  # both were frozen, and are awake again
             logger.critical("shutter open, and nothing heard for %g s: killing", FROZEN_S)
             end_parent()
-            continue  # the next word is the end of the talk
+            continue  # next comes the end of the line
         except LineClosedError:
             return not armed or try_to_close(close)
         if word != b"look":
             armed = word == b"arm"
-        with suppress(LineClosedError):  # the last word is heard all the same
+        with suppress(LineClosedError):  # the end of the line is noticed anyway
             line.send("ok")
 
 
 def try_to_close(close: Callable[[], object]) -> bool:
-    """Try for a minute; whether the shutter is closed."""
+    """Try for a minute; returns whether the shutter is closed."""
     until_s = time.monotonic() + TRY_S
     while True:
         try:

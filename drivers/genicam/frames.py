@@ -1,7 +1,7 @@
-"""Frames as they come: the one that is due, whole, and no other; then its samples.
+"""Receives frames: only the one that is due, and whole; then its samples.
 
-Frames are counted by the camera. One that is missing is seen at the next, where it was not missed
-before, so that no frame is taken for that of another exposure.
+The camera numbers its frames. A missing frame is noticed at the next one at the latest, so that no
+frame is taken for that of another exposure.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from .pixels import BY_CODE, Samples, unpack_samples
 logger = logging.getLogger(__name__)
 
 _SLICE_S = 0.1
-"""So long a call waits within the library before it looks about."""
+"""How long a call waits inside the library before it checks for a cancel."""
 _ASK_S = 1.5
-"""After so long without a frame the camera is asked whether it is still there."""
+"""Time without a frame after which the camera is asked whether it is still there."""
 _MOST_STRAY = 100
-"""Frames that are thrown away before the camera is said to go on by itself."""
+"""Frames that are thrown away before an error says that the camera runs by itself."""
 _LAST_ID = 65535
-"""After which numbers of GigE Vision begin again."""
+"""Last frame number of GigE Vision; after it, numbers start again."""
 
 
 class FrameReceiver:
-    """What comes from one open camera."""
+    """Receives the frames of one open camera."""
 
     def __init__(self, device: GenicamDevice, patience: Patience) -> None:
         self._device = device
@@ -35,8 +35,7 @@ class FrameReceiver:
         self._last_id: int | None = None
 
     def forget(self, wait_s: float = 0.0) -> None:
-        """Throw away what came of earlier exposures, and what comes until nothing does for so
-        long."""
+        """Throw away frames of earlier exposures, until no more come for `wait_s`."""
         for _ in range(_MOST_STRAY):
             self._patience.look()
             buffer = self._device.pop(wait_s)
@@ -53,7 +52,8 @@ class FrameReceiver:
     def wait(self, longest_s: float) -> RawBuffer:
         """The frame that is due, whole, and no other.
 
-        Waits in slices, between which a cancel is heard. Raises PhotoError, DeviceLost, Cancelled.
+        Waits in slices, and checks for a cancel between them. Raises PhotoError, DeviceLost,
+        Cancelled.
         """
         waited_s = asked_s = 0.0
         while waited_s < longest_s:
@@ -64,7 +64,7 @@ class FrameReceiver:
             self._patience.look()
             if waited_s - asked_s >= _ASK_S or self._device.lost:
                 asked_s = waited_s
-                self._device.record()  # which raises where the camera is gone, or another one
+                self._device.record()  # raises if the camera is gone, or is another one
         self._last_id = None
         raise PhotoError(
             f"no frame came within {longest_s:g} s",
@@ -76,7 +76,7 @@ class FrameReceiver:
         """The buffer. Raises PhotoError for a frame that is not whole, or not the one due."""
         last, self._last_id = self._last_id, buffer.frame_id
         if buffer.status:
-            self._last_id = None  # what is not whole may have no number, either
+            self._last_id = None  # an incomplete frame may lack its number, too
             raise PhotoError(
                 f"frame {buffer.frame_id} is not whole: {STATUS_WORDS.get(buffer.status, '?')}",
                 device=CAMERA_DEVICE,

@@ -1,8 +1,8 @@
-"""What sample values mean where the format does not say: black, white, alignment, byte order.
+"""What sample values mean if the format does not say: black, white, alignment, byte order.
 
 A 12-bit converter behind a 16-bit format may put its bits on the left (16 bits with zeros at the
-end), on the right (nothing above 4095), or send its bytes the wrong way round. Each shows in the
-samples; what was seen once is kept for as long as the camera is open.
+end), on the right (nothing above 4095), or send its bytes in the wrong order. Each case shows in
+the samples; what was found once is kept while the camera is open.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ _WORD_BITS = 16
 _CONVERTERS = (10, 12, 14)
 """Bits of converters behind a 16-bit format."""
 _SWAPPED = 8.0
-"""By how much rougher a picture must be one way round than the other, for its byte order to show:
-swapped, steps of one become steps of 256."""
+"""How many times rougher a picture must be in one byte order than in the other for the order to be
+known: swapped, steps of one become steps of 256."""
 _MANY, _SOME = 64, 20000
-"""Different values, among so many samples, from which bits that are never set mean something."""
+"""Number of different values, among this many samples, from which bits that are never set are
+significant."""
 _LEAST_ROUGHNESS = 0.05
-"""Mean step between neighbours, DN, below which nothing shows."""
+"""Mean step between neighbours, DN, below which the byte order does not show."""
 
 
 @dataclass
 class SampleLevels:
-    """Reads samples of one format as the camera turned out to mean them.
+    """Reads samples of one format, and learns from them what their values mean.
 
-    white : DN that the user told, or that was seen; None where neither was.
-    told : DN that the camera's own node map says, until a sample above it proves it wrong; else
-    None.
-    swapped : whether bytes come the wrong way round; None until it showed.
-    zeros : lowest bits that were never set; None until a picture was seen.
+    white : DN that the user configured, or that was seen; None without either.
+    told : DN in the camera's own node map, until a sample above it proves it wrong; else None.
+    swapped : whether bytes come in the wrong order; None until it shows.
+    zeros : number of lowest bits that were never set; None until a picture was seen.
     """
 
     pixel_format: PixelFormat
@@ -46,7 +46,7 @@ class SampleLevels:
     _seen: int = field(default=0, repr=False)
 
     def read(self, samples: Samples) -> Samples:
-        """The samples with their bytes the right way round; learns what they show."""
+        """The samples with their bytes in the right order; learns from them."""
         if self.pixel_format.layout == "words":
             if self.swapped is None:
                 self.swapped = find_byte_order(samples, self.pixel_format.bits)
@@ -65,7 +65,7 @@ class SampleLevels:
             self.zeros = trailing if self.zeros is None else min(self.zeros, trailing)
         if self.white is self.told is None and not self.zeros:
             highest = int(samples.max())
-            # A converter's last value, and nothing above it: a frame with saturated samples.
+            # A converter's highest value, and nothing above it: a frame with saturated samples.
             if highest in (2**bits - 1 for bits in _CONVERTERS) and highest >= self._seen:
                 if np.count_nonzero(samples == highest) > 1:
                     self.white = highest
@@ -84,7 +84,7 @@ class SampleLevels:
 
     @property
     def words(self) -> dict[str, str]:
-        """What is worth keeping of it in the record of a photo."""
+        """What was found, for the record of a photo."""
         found = {}
         if self.swapped:
             found["ByteOrder"] = "swapped"
@@ -94,11 +94,11 @@ class SampleLevels:
 
 
 def find_byte_order(samples: Samples, bits: int) -> bool | None:
-    """Whether the bytes of samples come the wrong way round; None where it does not show.
+    """Whether the bytes of samples come in the wrong order; None if it does not show.
 
-    bits : of the format; a value beyond them cannot be. Of 16, those that a converter of fewer does
-    not set lie at one end, and the wrong way round in the middle. Else neighbours tell: light and
-    noise are smooth but for steps of a few DN, and seen the wrong way round these are hundreds.
+    bits : of the format; values beyond them are impossible. In 16 bits, the bits that a smaller
+    converter never sets lie at one end, but in the middle if bytes are swapped. Otherwise
+    neighbours decide: light and noise vary by a few DN, which swapped become hundreds.
     """
     swapped = samples.byteswap()
     if bits < _WORD_BITS:
@@ -117,7 +117,8 @@ def find_byte_order(samples: Samples, bits: int) -> bool | None:
 
 
 def _is_torn(samples: Samples) -> bool:
-    """Whether bits beside the border of both bytes are never set, and some on either side are."""
+    """Whether bits next to the border of the two bytes are never set, but bits on both sides are.
+    """
     some = samples.ravel()[:: max(1, samples.size // _SOME)]
     if np.unique(some).size < _MANY:
         return False
@@ -132,8 +133,8 @@ def _is_torn(samples: Samples) -> bool:
 
 
 def _roughness(samples: Samples) -> float:
-    """Median step between neighbours of one colour, in a row: two samples apart in a mosaic. The
-    mean of the smaller half of all steps, which edges are not among."""
+    """Typical step between neighbours of one colour in a row, two samples apart as in a mosaic: the
+    mean of the smaller half of all steps, which excludes edges."""
     signed = samples.astype(np.int32)
     steps = np.abs(signed[:, 2:] - signed[:, :-2]).ravel()
     if not steps.size:
@@ -143,9 +144,9 @@ def _roughness(samples: Samples) -> float:
 
 
 def measure_black(samples: NDArray[np.uint16], cfa: str | None) -> int | Sequence[int]:
-    """Level without light of a dark frame: of each place of the quad of a mosaic, row by row.
+    """Level of a dark frame; for a mosaic, of each place of the quad, row by row.
 
-    The mean of the samples that lie in the middle: hot ones are not among them.
+    It is the mean without the darkest and brightest tenth of samples, so hot ones do not count.
     """
     if cfa is None:
         return _middle(samples)

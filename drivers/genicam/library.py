@@ -16,7 +16,7 @@ from pathlib import Path
 
 SONAME = "libaravis-0.8.so.0"
 WHEEL = "aravis-python"
-"""The package that brings the library with it, by its name on PyPI."""
+"""The package on PyPI that contains the library."""
 _WHEEL_MODULE = "aravis"
 _GOBJECT = "libgobject-2.0.so.0"
 _GLIB = "libglib-2.0.so.0"
@@ -28,7 +28,7 @@ _P, _S = c_void_p, c_char_p
 
 
 class GError(ctypes.Structure):
-    """GLib's error, as functions hand it over."""
+    """GLib's error, as functions return it."""
 
     _fields_ = (("domain", _U32), ("code", c_int), ("message", c_char_p))
 
@@ -98,7 +98,7 @@ _ARAVIS: dict[str, tuple[type | None, tuple[type, ...]]] = {
     "arv_buffer_get_image_height": (c_int, (_P,)),
     "arv_buffer_get_image_pixel_format": (_U32, (_P,)),
 }
-"""What each function returns and takes, as of the headers of 0.8."""
+"""What each function returns and takes, by the headers of 0.8."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,8 @@ class AravisLibrary:
 
 
 def list_libraries() -> tuple[str, ...]:
-    """Where the library may be, in the order in which it is looked for: in the wheel, which
-    somebody has put into this very environment, then where the system has its own."""
+    """Places of the library, in the order of the search: first the wheel, which was installed into
+    this very environment, then the system's places."""
     spec = importlib.util.find_spec(_WHEEL_MODULE)
     folders = () if spec is None else spec.submodule_search_locations or ()
     inside = (Path(folder) / "lib" / SONAME for folder in folders)
@@ -134,8 +134,8 @@ def list_libraries() -> tuple[str, ...]:
 def load_library(path: str | None = None) -> AravisLibrary:
     """Load libaravis, once for the process.
 
-    path : one library, and no other; None: the first that loads of `list_libraries`. Raises
-    ModuleNotFoundError for `WHEEL`, which the registry of drivers words for the user.
+    path : only this library; None: the first of `list_libraries` that loads. Raises
+    ModuleNotFoundError for `WHEEL`, which the registry of drivers turns into words for the user.
     """
     reasons = []
     for candidate in list_libraries() if path is None else (path,):
@@ -151,8 +151,8 @@ def load_library(path: str | None = None) -> AravisLibrary:
 
 
 def _declare(path: str) -> AravisLibrary:
-    """Load one library. Raises OSError where it does not load, AttributeError where it is another
-    than is spoken of here."""
+    """Load one library. Raises OSError if it does not load, AttributeError if it lacks functions
+    that are declared here."""
     arv, gobject, glib = CDLL(path), CDLL(_GOBJECT), CDLL(_GLIB)
     for name, (returned, taken) in _ARAVIS.items():
         function = getattr(arv, name)

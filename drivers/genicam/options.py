@@ -23,36 +23,37 @@ class GenicamOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Its address on the network, its serial number, or the name that `pdcd doctor camera` lists;
     None: the only one that is found."""
     exposure: ExposureName = "timed"
-    """What begins and ends an exposure: "timed", a command, and the camera's own clock; "width", a
-    line that the shutter's driver holds; "edge", an edge of that line, and the camera's clock."""
+    """What begins and ends an exposure. "timed": a command begins it, the camera's clock ends it;
+    "width": it lasts while the shutter's driver holds a line; "edge": an edge of that line begins
+    it, the camera's clock ends it."""
     line: _Line = "Line1"
     """The camera's input for "width" and "edge"."""
     active_low: bool = False
-    """The camera exposes while that line is low, or from its falling edge on."""
+    """Whether the camera exposes while that line is low, or from its falling edge on."""
     margin_s: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.1
     margin: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.1
-    """By how much longer than planned a timed exposure is, for panels that are late: so many
-    seconds, and that share of it. Panels are black meanwhile."""
+    """How much longer than planned a timed exposure is, for panels that are late: this many
+    seconds, plus this share of it. Panels are black meanwhile."""
     unplanned_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 1.0
-    """How long a timed exposure lasts of which nobody said how long it is to be."""
+    """Length of a timed exposure whose length was not given."""
     pixel_format: str | None = None
-    """By its name in the camera; None: the best that is known."""
+    """Name of the pixel format in the camera; None: the best known one."""
     region: tuple[int, int, int, int] | None = None
     """Left, top, width and height of the picture in pixels of the sensor; None: all of it."""
     black_level: float | None = None
-    """What is set as the camera's `BlackLevel`; None: left as it is."""
+    """Value for the camera's `BlackLevel`; None: left as it is."""
     black_dn: Annotated[int, Meta(ge=0, le=65535)] | None = None
     """Level without light; None: measured by the shortest exposure, once for each ISO."""
     white_dn: Annotated[int, Meta(ge=1, le=65535)] | None = None
-    """Level from which a sample is saturated; None: as the camera says, by the number of bits, or
-    as seen."""
+    """Level from which a sample is saturated; None: as the camera reports, by the number of bits,
+    or as seen."""
     packet_bytes: Annotated[int, Meta(ge=576, le=16000)] | None = None
-    """Of a camera on the network; None: as large as the way takes them."""
+    """Packet size of a camera on the network; None: as large as the network allows."""
     resend: bool = True
     """Ask a camera on the network again for packets that did not come."""
     pulses: tuple[_Line, _Line] | None = None
-    """Inputs that TRIG_OUT_2 of the projector's and of the mask's DMD are wired to, "Line3" for
-    example: the camera counts their pulses, which proves that every code was shown. None: nothing
+    """Inputs that TRIG_OUT_2 of the projector's and of the mask's DMD are wired to, such as
+    "Line3". The camera counts their pulses, which proves that every code was shown. None: nothing
     is counted."""
     wait_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 5.0
     """How long a frame may take to come after the end of its exposure."""
@@ -61,7 +62,7 @@ class GenicamOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 def read_genicam_options(config: Config) -> GenicamOptions:
     """The options of this rig's one camera, as `drivers.ptp.options` reads those of another.
 
-    It is enough to give them in one of both tables. Raises ConfigError where they are wrong or
+    It is enough to give them in one of the two tables. Raises ConfigError if they are wrong or
     disagree.
     """
     merged, table = merge_camera_options(config, GENICAM_DRIVERS)

@@ -39,13 +39,13 @@ class PixelFormat:
         return self.name.removeprefix("Mono") if self.cfa is None else self.name[len("BayerRG") :]
 
     def count_bytes(self, pixels: int) -> int:
-        """How many bytes that many pixels take."""
+        """Number of bytes that `pixels` pixels take."""
         per_pixel = self.code >> 16 & 0xFF
         return (pixels * per_pixel + 7) // 8
 
 
 _GROUPS = {10: (4, 5), 12: (2, 3)}
-"""Of a stream of so many bits: how many samples fill how many bytes."""
+"""For streams, by bits of a sample: how many samples fill how many bytes."""
 _CFAS = {"RG": "RGGB", "GR": "GRBG", "GB": "GBRG", "BG": "BGGR"}
 
 # Of the four orders in the sequence that PFNC has them in: code of the first, and the step.
@@ -85,12 +85,12 @@ BY_CODE = {pixel_format.code: pixel_format for pixel_format in _ALL}
 BY_NAME = {pixel_format.name: pixel_format for pixel_format in _ALL}
 
 _PREFERRED = ("12p", "12Packed", "12", "14", "16", "10p", "10Packed", "10", "8")
-"""Which is taken of those that a camera has: as many bits as its converter has, whose white level
-is known by their number, in as few bytes as may be."""
+"""Order of preference among a camera's formats: as many bits as its converter has, so that their
+number gives the white level, in as few bytes as possible."""
 
 
 def choose_pixel_format(offered: tuple[str, ...]) -> str | None:
-    """The best of the formats that a camera offers; None where it has none that is read here.
+    """The best of the formats that a camera offers; None if none of them can be read here.
 
     A mosaic goes before grey, which a colour camera would have to compute."""
     known = [BY_NAME[name] for name in offered if name in BY_NAME]
@@ -99,9 +99,9 @@ def choose_pixel_format(offered: tuple[str, ...]) -> str | None:
 
 
 def unpack_samples(data: bytes, pixel_format: PixelFormat, height: int, width: int) -> Samples:
-    """Samples of a frame, (height, width) uint16, each in the lowest bits as the format has it.
+    """Samples of a frame, (height, width) uint16, each in the lowest bits as in the format.
 
-    Bytes beyond those of the pixels are ignored. Raises ValueError where there are too few.
+    Bytes beyond those of the pixels are ignored. Raises ValueError if there are too few.
     """
     count = height * width
     size = pixel_format.count_bytes(count)

@@ -20,7 +20,7 @@ from .camera import GenicamCamera
 from .library import load_library
 from .options import GENICAM_DRIVERS
 
-# At once: a machine without the library does not have these drivers, and `pdcd drivers` says why.
+# Loaded at once: without the library these drivers are unavailable, and `pdcd drivers` says why.
 load_library()
 
 _SHUTTER, _READOUT = "shutter", "readout"
@@ -40,8 +40,8 @@ class GenicamShutter:
 
     @classmethod
     def create(cls, context: DriverContext) -> GenicamShutter:
-        """The shutter of this rig's camera. Raises ConfigError where another driver reads it out,
-        or its exposures are the width of a line that another driver holds."""
+        """The shutter of this rig's camera. Raises ConfigError if another driver reads it out, or
+        if its exposures last as long as a line that another driver holds."""
         camera, readout = GenicamCamera.of(context), context.config.camera.driver
         if readout not in GENICAM_DRIVERS:
             raise ConfigError(
@@ -62,7 +62,7 @@ class GenicamShutter:
         return self._camera.open(_SHUTTER).identity
 
     def expect_exposure(self, exposure_s: float, longest_s: float) -> None:
-        """Set the camera's clock for the next exposure. Raises ConfigError for more than it has."""
+        """Set the camera's clock for the next exposure. Raises ConfigError if that is too long."""
         self._camera.expect(exposure_s)
 
     def open(self) -> int:
@@ -70,11 +70,11 @@ class GenicamShutter:
         return self._camera.begin()
 
     def close(self) -> int:
-        """Return when it is surely over; one that would go on for long is given up."""
+        """Return when it is surely over; one that would go on for long is abandoned."""
         return self._camera.end()
 
     def disconnect(self) -> None:
-        """End the exposure, and let the camera go unless the readout still has it."""
+        """End the exposure, and release the camera unless the readout still uses it."""
         try:
             self._camera.end()
         finally:
@@ -95,7 +95,7 @@ class GenicamReadout:
 
     @classmethod
     def create(cls, context: DriverContext) -> GenicamReadout:
-        """The readout of this rig's camera. Raises ConfigError where nothing would start it."""
+        """The readout of this rig's camera. Raises ConfigError if nothing would start exposures."""
         camera, config = GenicamCamera.of(context), context.config
         if camera.options.exposure != "width" and config.trigger.driver not in GENICAM_DRIVERS:
             raise ConfigError(
@@ -108,7 +108,8 @@ class GenicamReadout:
         return cls(camera, config.camera)
 
     def connect(self) -> CameraInfo:
-        """Open the camera and tell what it says of itself. Raises DeviceLost, ConfigError."""
+        """Open the camera and return what it reports about itself. Raises DeviceLost, ConfigError.
+        """
         device = self._camera.open(_READOUT)
         identity, cfa = device.identity, device.pixel_format.cfa
         return CameraInfo(
@@ -135,7 +136,7 @@ class GenicamReadout:
         return self._camera.fetch(timeout_s)
 
     def disconnect(self) -> None:
-        """Let the camera go unless the shutter still has it."""
+        """Release the camera unless the shutter still uses it."""
         self._camera.close(_READOUT)
 
 

@@ -42,22 +42,23 @@ from .session import CameraFile, GphotoSession
 logger = logging.getLogger(__name__)
 
 GPHOTO_GUARDIAN: tuple[str, ...] = (sys.executable, "-P", "-m", f"{__package__}.guardian")
-"""Ends an exposure should this process be killed; the camera's options and its line follow."""
+"""Command that ends an exposure if this process is killed; the camera's options and its line
+follow."""
 _ANSWER_S = 20.0
-"""Bound of the guardian's answers; its start takes half a second."""
+"""Longest time for an answer of the guardian; its start takes half a second."""
 _TARGETS = {"ram": "Internal RAM", "card": "Memory card"}
 _SLICE_S = 0.5
 """Longest single wait for an event."""
 _LATE_S = 0.3
-"""How long a second file of the same exposure is listened for."""
+"""How long to wait for a second file of the same exposure."""
 _WHOLE_S = 1.0
-"""What a photo that was told of in time gets beyond it to be whole."""
+"""Extra time for a photo that was announced in time, to become whole."""
 _DRAIN_S, _ARM_S = 5.0, 120.0
-"""How long events are read, and how long all may take until the camera is ready for a photo, beside
-the wait for one that is yet to come."""
+"""How long events are read, and the longest time until the camera is ready for a photo, on top of
+the wait for a photo that is still to come."""
 _STRAY_S = 15.0
-"""How long after an exposure, or after its photo was given up, that may come, beside the length of
-the exposure once more, which noise reduction takes."""
+"""How long after an exposure, or after its photo was given up, the photo may still come, on top of
+the exposure's length, which noise reduction takes once more."""
 
 
 class GphotoShutter:
@@ -105,10 +106,10 @@ class GphotoShutter:
         return self._settled_ns()
 
     def close(self) -> int:
-        """End the exposure. A camera that was lost meanwhile is sought again: it may be exposing.
+        """End the exposure. A camera that was lost meanwhile is looked for: it may be exposing.
 
-        Raises DeviceLost, then nothing is known of the shutter; ExposureError when it is closed but
-        the connection was lost.
+        Raises DeviceLost if the state of the shutter is unknown; ExposureError when it is closed
+        but the connection was lost.
         """
         if not self._session.shutter_open:
             return self._clock.now_ns()
@@ -124,7 +125,7 @@ class GphotoShutter:
         try:
             self.close()
         finally:
-            # One that has a shutter to close may take long, and waits until the camera is free.
+            # With a shutter to close the guardian may take long: it waits for the camera.
             self._guard.stop(wait=not self._session.shutter_open)
             self._session.shutter_open = False
             self._session.close("shutter")
@@ -132,7 +133,7 @@ class GphotoShutter:
     def _end_anew(self, lost: DeviceLost) -> None:
         """End the exposure of a camera that has to be opened again; raises in any case."""
         if self._session.is_open:
-            raise lost  # it answers, and refuses
+            raise lost  # it answers, but refuses
         try:
             self._session.open("shutter")
         except DeviceLost:
@@ -166,7 +167,7 @@ class GphotoShutter:
 
 
 class GphotoReadout:
-    """Sets ISO and aperture, and fetches the RAW file of an exposure whoever released it."""
+    """Sets ISO and aperture, and fetches the RAW file of an exposure, whatever released it."""
 
     maturity = "experimental"
 
@@ -215,15 +216,15 @@ class GphotoReadout:
         )
 
     def arm(self, settings: CameraSettings) -> None:
-        """Set bulb, RAW, ISO and aperture; pictures of earlier exposures are thrown away, and that
-        of one that was given up is waited for: it could be taken for the next. A camera that was
-        lost is opened again first.
+        """Set bulb, RAW, ISO and aperture. Pictures of earlier exposures are thrown away; one that
+        was given up is waited for, as it could be taken for the next. A lost camera is opened again
+        first.
 
         Raises ConfigError with the list of what the camera offers, DeviceLost.
         """
         session, armed_ns, self._armed_ns = self._session, self._armed_ns, None
         if armed_ns is not None and not session.releases:
-            self._give_up(armed_ns)  # a cable release tells nobody what it did
+            self._give_up(armed_ns)  # a cable release does not report what it did
         due_s = ((session.photo_due_ns or 0) - self._clock.now_ns()) * 1e-9
 
         def too_slow() -> PdcdError:
@@ -324,7 +325,7 @@ class GphotoReadout:
             session.set("capturetarget", _TARGETS[wanted])
 
     def _give_up(self, armed_ns: int, closed_ns: int | None = None) -> None:
-        """The photo of an exposure is waited for no longer; it may yet come."""
+        """Stop waiting for the photo of an exposure, and note until when it may still come."""
         now_ns = self._clock.now_ns()
         exposed_ns = 0 if closed_ns is None else closed_ns - armed_ns
         self._session.photo_due_ns = now_ns + exposed_ns + round(_STRAY_S * 1e9)
@@ -336,7 +337,7 @@ class GphotoReadout:
         found: list[tuple[CameraFile, bytes]] = []
         while (left_s := (until_ns - self._clock.now_ns()) * 1e-9) > 0.0:
             file = self._session.next_file(min(left_s, _SLICE_S))
-            if file is None or file in seen:  # the same event twice
+            if file is None or file in seen:  # an event was repeated
                 continue
             seen.add(file)
             data = self._session.download(file, self._most_bytes)
@@ -361,10 +362,10 @@ class GphotoReadout:
         return found[0]
 
     def _clear(self) -> None:
-        """Throw away pictures of earlier exposures, also one that is yet to come.
+        """Throw away pictures of earlier exposures, also one that is still to come.
 
         Raises ExposureError when that one does not come: it could be taken for the next. With a
-        cable release nobody knows whether there was an exposure, and waiting has to do.
+        cable release it is not known whether there was an exposure, so waiting must be enough.
         """
         session, owed = self._session, self._session.photo_due_ns is not None
         for late in session.drain(_DRAIN_S):
@@ -385,19 +386,19 @@ class GphotoReadout:
     def _thrown_away(self, late: CameraFile) -> bool:
         """Throw one away; returns whether it was a RAW file."""
         logger.warning("picture of an earlier exposure thrown away name=%s", late.name)
-        # Or its place in the buffer stays taken.
+        # Downloaded, as else its place in the buffer stays occupied.
         self._session.download(late, self._most_bytes)
         return _is_raw(late)
 
     def _say(self, name: str) -> str:
-        """A setting that need not be there."""
+        """A setting; "" if the camera does not have it."""
         with suppress(ConfigError):
             return self._session.get(name)
         return ""
 
 
 def _close_forgotten(session: GphotoSession) -> None:
-    """End the exposure of a shutter that nobody holds any more, where nobody can be told."""
+    """End the exposure of a shutter object that was dropped; errors cannot be reported there."""
     if session.shutter_open and session.is_open:
         try:
             with session.patience.deaf():

@@ -33,8 +33,8 @@ class GphotoPreview:
         return {"model": "gphoto2 preview"}
 
     def grab(self, timeout_s: float) -> NDArray[np.uint8]:
-        """The next picture; how long it takes is libgphoto2's. Raises DeviceLost, and ExposureError
-        for what is no picture."""
+        """The next picture; libgphoto2 decides how long it takes. Raises DeviceLost, and
+        ExposureError if it is not a picture."""
         picture = decode_jpeg(self._session.see())
         if picture is None:
             raise ExposureError(
@@ -45,7 +45,7 @@ class GphotoPreview:
         return picture
 
     def disconnect(self) -> None:
-        """Close the mirror where the camera knows how, and let it go unless others have it."""
+        """Close the mirror if the camera can, and release it unless others use it."""
         session = self._session
         with session.patience.deaf(), suppress(PdcdError):
             session.set("viewfinder", 0)

@@ -19,7 +19,7 @@ _USER = "guardian"
 
 
 def close_bulb(options: GphotoOptions) -> None:
-    """Open the camera and end its exposure. Raises PdcdError when it cannot be had."""
+    """Open the camera and end its exposure. Raises PdcdError when it cannot be opened."""
     session = GphotoSession(options, RealClock())
     try:
         session.open(_USER)

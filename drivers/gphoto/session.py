@@ -1,11 +1,11 @@
 """One open camera of libgphoto2, which shutter and readout share.
 
 Every call ends by libgphoto2's own time-outs: 20 s on USB, 2.5 s over PTP/IP, longer while a Canon
-is busy with a picture. Some of its calls hold Python's global lock as long as that (seen with the
-summary, which is never asked for here), so a program that has other threads to serve in time keeps
-the camera to the driver ``ptp``. Between calls, and while a picture comes, whoever waits is looked
-after (`pdcd.driver.Patience`); a call that takes its whole time-out on USB is as long as the
-watchdog of pdcd.service waits. One thread is in libgphoto2 at a time.
+is busy with a picture. Some calls hold Python's global lock for that long (seen with the summary,
+which is never asked for here), so a program with other threads that must run in time should use the
+driver ``ptp``. Between calls, and while a picture comes, a cancel is checked for
+(`pdcd.driver.Patience`); a call that takes its whole time-out on USB is as long as the watchdog of
+pdcd.service waits. Only one thread is in libgphoto2 at a time.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _HINTS = {
 _OFF_ON = "check cable and battery; switch the camera off and on"
 _QUIET_MS = 50
 _BUSY_S, _AGAIN_S = 5.0, 0.2
-"""How long a busy camera is asked again, and how often: it says that it did nothing."""
+"""How long a busy camera is asked again, and the pause between; it reports that it did nothing."""
 _LOST = frozenset(
     {
         gp.GP_ERROR_IO,
@@ -54,8 +54,8 @@ _LOST = frozenset(
         gp.GP_ERROR_IO_USB_FIND,
     }
 )
-"""After these an open camera answers no more, even where the device is there again. One that only
-took too long is not among them."""
+"""After these errors an open camera does not answer any more, even if the device is back. A
+time-out is not among them."""
 
 
 class GphotoOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -91,8 +91,8 @@ class GphotoSession:
         self.shutter_open = False
         """Whether an exposure was begun by `bulb` and not surely ended."""
         self.photo_due_ns: int | None = None
-        """Until when the photo of an exposure that nobody has fetched may yet come; None where all
-        were fetched."""
+        """Until when the photo of an exposure that was not fetched may still come; None if all were
+        fetched."""
         self._clock = clock
         self._lock = threading.RLock()
         self._users: set[str] = set()
@@ -128,7 +128,7 @@ class GphotoSession:
 
     @property
     def releases(self) -> bool:
-        """Whether the shutter is worked from here, and not by a cable release."""
+        """Whether the shutter is operated from here, not by a cable release."""
         return "shutter" in self._users
 
     @property
@@ -137,7 +137,7 @@ class GphotoSession:
         return self._camera is not None
 
     def close(self, user: str) -> None:
-        """Release the camera if nobody else uses it. Idempotent; never fails."""
+        """Release the camera if it has no other user. Idempotent; never fails."""
         self._users.discard(user)
         if not self._users:
             self._let_go()
@@ -156,7 +156,7 @@ class GphotoSession:
         return str(self._widget(name).get_value())
 
     def choices(self, name: str) -> list[str]:
-        """What a setting may be; empty when the camera lacks it or names no choices."""
+        """Allowed values of a setting; empty when the camera lacks it or names no choices."""
         with suppress(ConfigError):
             widget = self._widget(name)
             if widget.get_type() in (gp.GP_WIDGET_RADIO, gp.GP_WIDGET_MENU):
@@ -189,13 +189,13 @@ class GphotoSession:
             self.patience.sleep(_AGAIN_S)
 
     def prefer(self, name: str, value: str) -> None:
-        """Change a setting if the camera has it and offers that; some have a dial for it."""
+        """Change a setting if the camera has it and offers that value; some have a dial for it."""
         for choice in self.choices(name):
             if choice.lower() == value.lower():
                 self.set(name, choice)
 
     def next_file(self, wait_s: float) -> CameraFile | None:
-        """The next picture the camera tells of, None if there is none within the time."""
+        """The next picture that the camera announces; None if there is none within the time."""
         with self.errors("ask for events"):
             kind, data = self._opened().wait_for_event(max(1, round(wait_s * 1e3)))
         if kind == gp.GP_EVENT_FILE_ADDED:
@@ -203,7 +203,7 @@ class GphotoSession:
         return None
 
     def drain(self, limit_s: float) -> list[CameraFile]:
-        """Pictures that are waiting to be told of; reads events until there are none."""
+        """Pictures in waiting events; reads events until there are none."""
         files: list[CameraFile] = []
         until_ns = self._clock.now_ns() + round(limit_s * 1e9)
         while self._clock.now_ns() < until_ns:
@@ -216,9 +216,9 @@ class GphotoSession:
         return files
 
     def download(self, file: CameraFile, most_bytes: int) -> bytes:
-        """All bytes of a picture; the camera's buffer is free of it afterwards.
+        """All bytes of a picture, which is then removed from the camera's buffer.
 
-        Raises ExposureError for one that says it has more than `most_bytes`.
+        Raises ExposureError for one with more than `most_bytes`.
         """
         with self.errors(f"download {file.name}"):
             size_bytes = self._size_bytes(file)
@@ -230,7 +230,7 @@ class GphotoSession:
                     hint="take it again; is camera.profile that of this body?",
                 )
             found, context = gp.CameraFile(), gp.Context()
-            asked = context.set_cancel_func(self._is_over, None)  # forgotten, it is not asked
+            asked = context.set_cancel_func(self._is_over, None)  # not asked again once dropped
             self._opened().file_get(file.folder, file.name, gp.GP_FILE_TYPE_NORMAL, found, context)
             del asked
             return bytes(memoryview(found.get_data_and_size()))
@@ -241,7 +241,7 @@ class GphotoSession:
             return bytes(memoryview(self._opened().capture_preview().get_data_and_size()))
 
     def _size_bytes(self, file: CameraFile) -> int:
-        """What a picture says of its size, 0 for one that says nothing."""
+        """The size that the camera gives for a picture; 0 if it gives none."""
         try:
             told = self._opened().file_get_info(file.folder, file.name).file
         except gp.GPhoto2Error as err:
@@ -251,7 +251,7 @@ class GphotoSession:
         return int(told.size) if told.fields & gp.GP_FILE_INFO_SIZE else 0
 
     def _is_over(self, _context: object, _data: object) -> int:
-        """Asked by libgphoto2 while a picture comes: whether it need not come any more."""
+        """Called by libgphoto2 while a picture comes: whether it is no longer wanted."""
         try:
             self.patience.look()
         except PdcdError:
@@ -260,8 +260,8 @@ class GphotoSession:
 
     @contextmanager
     def errors(self, doing: str) -> Iterator[None]:
-        """Turn libgphoto2's errors into DeviceLost with a hint. A camera that is lost is let go, so
-        that `open` can find it again. Before each call it is looked who still waits."""
+        """Turn libgphoto2's errors into DeviceLost with a hint. A lost camera is released, so that
+        `open` can find it again. Before each call, a cancel is checked for."""
         self.patience.look()
         self.patience.acquire(self._lock)
         try:
@@ -308,8 +308,8 @@ def _is_busy(lost: DeviceLost) -> bool:
 def _standard_input_kept() -> Iterator[None]:
     """Put file descriptor 0 back afterwards, whatever file that is by now.
 
-    libgphoto2 2.5.34 closes it when it leaves a PTP/IP camera (seen; it takes a field never set for
-    a descriptor), and with it the next file that the daemon opens and gets that number.
+    libgphoto2 2.5.34 closes it when it leaves a PTP/IP camera (seen; it takes an unset field for a
+    descriptor), and later closes the next file that the daemon opens under that number.
     """
     try:
         kept = os.dup(0)
