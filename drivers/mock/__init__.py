@@ -1,8 +1,8 @@
 """The mock bench: two panels, a shutter and a camera in front of a virtual scene.
 
-Ordinary drivers that share one `MockBench`: the panels write down when they showed what, the
-shutter when it was open, and the camera integrates the scene over both, exactly, and writes a real
-DNG.
+Ordinary drivers that share one `MockBench`: the panels record what they showed and when, the
+shutter records when it was open, and the camera integrates the scene over both, exactly, and writes
+a real DNG.
 """
 
 from .bench import MockBench

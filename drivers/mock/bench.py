@@ -1,13 +1,13 @@
 """What the mock drivers share: the scene, and what it was shown while the shutter was open.
 
 Modelled: both panels' own refresh and phase, first-order response, black leak, skew, jitter and
-misregistration; sub-cell windows; ambient light; shutter lag and jitter. A bench whose devices are
-placed, or that has a truth, is one of pixels (`pdcd.virtual.optics`): there also maps, blur,
-falloff, scan-out, dead lines, gamma. So is an exposure in which a camera of several quads a cell
-sees the edges of windows. Not modelled: projector colour wheels and dithering, motion. Panels are
-taken to have settled to black when the shutter opens; where they had less time than `rig.settle_s`
-for it, there is no photo, unless it is of pixels and the rig meant the shutter to move
-(`Shared.moving`).
+misregistration; sub-cell windows; ambient light; shutter lag and jitter. A bench with placed
+devices or a truth is computed by pixels (`pdcd.virtual.optics`): this adds maps, blur, falloff,
+scan-out, dead lines, gamma. So is an exposure in which a camera with several quads a cell sees the
+edges of windows. Not modelled: projector colour wheels and dithering, motion. Panels are assumed to
+have settled to black when the shutter opens; if they had less time for it than `rig.settle_s`,
+there is no photo, unless patterns are of pixels and the rig moves the shutter on purpose
+(`SharedState.moving`).
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ if TYPE_CHECKING:
 
 _SECOND_NS = 1_000_000_000
 _OF_EXPOSURES = ("open_ns", "close_ns", "unsettled")
-"""What a live view leaves as it was."""
+"""Fields that a live view leaves unchanged."""
 
 
 class WatchedPanels(Protocol):
-    """Panels before the bench that are not the mock's, and of which it knows what they showed."""
+    """Panels in front of the bench that are not the mock's own but report what they showed."""
 
     def expose(self, *, active: bool, at_ns: int) -> None:
-        """The camera's line says that the shutter is open, or closed, from then on."""
+        """Set the camera's line, which says that the shutter is open, or closed, from then on."""
         ...
 
     def show_between(self, open_ns: int, close_ns: int) -> tuple[Frames, FrameLog]:
-        """What both showed, rows that began before the opening included."""
+        """What both showed, including rows that began before the opening."""
         ...
 
     def find_standing(self) -> Frames | None:
@@ -56,13 +56,14 @@ class WatchedPanels(Protocol):
         ...
 
     def count_pulses(self, side: int, low_ns: int, high_ns: int) -> int:
-        """How many began at the output of projector or mask from then on, until before then."""
+        """Number of pulses that began at the output of projector or mask, from `low_ns` on and
+        before `high_ns`."""
         ...
 
 
 @dataclass
 class MockBench:
-    """One virtual bench. The drivers set its fields; `photo` looks at them."""
+    """One virtual bench. The drivers set its fields; `photo` reads them."""
 
     config: Config
     scene: Scene
@@ -71,21 +72,21 @@ class MockBench:
     open_ns: int | None = None
     close_ns: int | None = None
     black_since_ns: int | None = -(2**62)
-    """When the panels last went black, at first long ago; None while they show something."""
+    """When the panels last went black, initially long ago; None while they show something."""
     exposures: int = 0
     """How many times the shutter was opened."""
     whole: bool = False
-    """Whether all codes of this exposure were shown: what was given up is no photo in any case."""
+    """Whether all codes of this exposure were shown; if not, it gives no photo in any case."""
     unsettled: str = ""
-    """How the shutter of this exposure moved before the panels had settled; '' where it did not."""
+    """How the shutter of this exposure moved before the panels had settled; '' if it did not."""
     shutter_open: bool = field(default=False)
     second: bool = False
     """Whether the second bucket of the sensor is read (`pdcd.panels.frames`)."""
     shared: SharedState = field(default_factory=SharedState)
     panels: WatchedPanels | None = None
-    """Where they are not the mock's own, and not only known by what the rig says of them."""
+    """The panels, if they are not the mock's own but report what they showed."""
     _held: tuple[Frames | None, NDArray[np.float64]] | None = field(default=None, repr=False)
-    """What a display held last for a live view, and the light of it."""
+    """What a display last held for a live view, and its light."""
 
     @classmethod
     def of(cls, context: DriverContext) -> MockBench:
@@ -102,7 +103,7 @@ class MockBench:
         self.black_since_ns = None
 
     def black(self, at_ns: int) -> None:
-        """Both panels are black from then on; they settle once, however often they are told."""
+        """Both panels are black from then on; further calls do not restart their settling."""
         if self.black_since_ns is None:
             self.black_since_ns = at_ns
 
@@ -134,10 +135,10 @@ class MockBench:
             self.panels.expose(active=False, at_ns=close_ns)
 
     def exposed_ns(self) -> tuple[int, int]:
-        """When the last exposure began and ended: by the bench's own shutter, or by another.
+        """When the last exposure began and ended, by the bench's own shutter or another driver's.
 
-        Of another driver's shutter only the rig knows, and only by when it surely was open, and
-        closed; panels are black around that.
+        For another driver's shutter only the rig knows these times, as those when it was surely
+        open and surely closed; panels are black around them.
 
         Raises ExposureError when no exposure has been completed, or its photo was taken already.
         """
@@ -166,16 +167,16 @@ class MockBench:
 
     @cached_property
     def optics(self) -> OpticalBench | None:
-        """The bench pixel by pixel; None where cells say all there is.
+        """The bench pixel by pixel; None if computing it by cells is exact.
 
-        Made for who photographs the bench: before a real camera, nobody needs it. Raises
+        It is made when the bench is photographed; with a real camera it is not needed. Raises
         ConfigError for a truth or a map that cannot be used.
         """
         return choose_optics(self.config, self.scene)
 
     @cached_property
     def truth(self) -> BenchTruth:
-        """What the bench is beyond what its configuration says. Raises ConfigError."""
+        """How the bench differs from its configuration. Raises ConfigError."""
         return load_bench_truth(self.config)
 
     @cached_property
@@ -189,8 +190,8 @@ class MockBench:
         return restore_typed_values(self.config)
 
     def held_light(self) -> NDArray[np.float64]:
-        """Light at the camera's quads while the display holds what it does, black or a picture:
-        (rows, cols, 3) float64 in scene units, worked out once for each picture."""
+        """Light at the camera's quads while the display holds black or a picture, (rows, cols, 3)
+        float64 in scene units; computed once for each picture."""
         held = self.shared.held if self.panels is None else self.panels.find_standing()
         if self._held is None or self._held[0] is not held:
             kept = {name: getattr(self, name) for name in _OF_EXPOSURES}
@@ -246,8 +247,8 @@ class MockBench:
         return np.maximum(whole - before, 0.0)
 
     def _finer_optics(self, frames: Frames) -> OpticalBench | None:
-        """The bench pixel by pixel where it is needed for these frames alone: for windows that cut
-        cells or pixels, and for pictures of the panels' own pixels."""
+        """The bench pixel by pixel if only these frames need it: for windows that cut cells or
+        pixels, and for patterns of the panels' own pixels."""
         coded = len(frames.primal_patterns) or len(frames.dual_patterns)
         if frames.of_pixels or (coded and self._needs_pixels(frames.window)):
             return self._optics_of_pixels
@@ -294,7 +295,7 @@ class MockBench:
                 close_ns=close_ns,
                 displacement=self.scene.displacement,
             )
-        else:  # the display has seen its own pixels: they decide, not what it was asked to show
+        else:  # the display has read its own pixels: they count, not the request
             parts = compute_pixel_factors(
                 shown,
                 log,
@@ -327,13 +328,13 @@ class MockBench:
         return self._to_bucket(frames), log
 
     def _to_bucket(self, frames: Frames) -> Frames:
-        """The frames as the bucket sees them that is read."""
+        """The frames as seen by the bucket that is read."""
         return invert_mask_patterns(frames) if self.second else frames
 
 
 def _find_start_ns(log: FrameLog, open_ns: int) -> int:
-    """When panels were last black: at the opening, or before their first row where that began
-    earlier. All light since then, less what came before the opening, is that of the exposure."""
+    """When panels were last black: at the opening, or before their first row if that began earlier.
+    The exposure's light is all light since then less the light before the opening."""
     firsts = (int(starts[0]) for starts in (log.primal_ns, log.dual_ns) if starts.size)
     return min(open_ns, *firsts) if len(log) else open_ns
 
@@ -357,7 +358,8 @@ def _nothing(grid: tuple[int, int], at_ns: int) -> tuple[Frames, FrameLog]:
 
 
 def check_no_options(options: Mapping[str, Any], table: str, device: str) -> None:
-    """Raise ConfigError when there are any: they are another driver's, and would be ignored."""
+    """Raise ConfigError if there are any options: they are for another driver, and would be
+    ignored."""
     if options:
         raise ConfigError(
             f"[{table}] {', '.join(options)}: the driver mock has no options",

@@ -34,15 +34,15 @@ F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
 """f/1 to f/256 in third stops: wider than any lens, so that any number of codes can be exposed."""
 
 _STOP_NEAR = 0.03
-"""A number so close to a third stop is the engraving of that one."""
+"""A number this close to a third stop is the engraving of that stop."""
 
 _STOP_OFF = 0.07
-"""A number further from every stop than half a third is none that the lens has."""
+"""A number further than this from every stop (half a third) is not one of the lens."""
 
 FINDER_S = 1.0 / 15.0
 """Time from one picture of a finder to the next."""
 _FINDER_GAIN = 64.0
-"""Most by which a finder brightens what has too little light."""
+"""Largest gain by which a finder brightens a dark picture."""
 
 _READOUT_S = 0.2
 """Time from the end of the exposure until the file is there."""
@@ -67,19 +67,19 @@ _Photo = tuple[NDArray[np.uint16], _Tags]
 
 
 class BenchSensor:
-    """The sensor on the bench: all four samples of a Bayer quad see the light of the quad. Where
-    the profile has no colours, one sample is in its place.
+    """The sensor on the bench: all four samples of a Bayer quad see the light of the quad. If the
+    profile has no colours, one sample takes the quad's place.
 
-    Models the noise of `pdcd.sensor.profile`, and where the bench has a truth its factors on that,
-    and samples that are not equally sensitive; not models optical black borders and hot pixels.
+    It models the noise of `pdcd.sensor.profile` and, if the bench has a truth, the truth's factors
+    on it and samples of unequal sensitivity. It does not model optical black borders or hot pixels.
     """
 
     def __init__(self, bench: MockBench, config: CameraConfig) -> None:
-        # Asked for at once: a bench that cannot be is refused before any device moves.
+        # Read at once: an impossible bench is refused before any device moves.
         bench.shared.cells_meet = bench.optics is None
         self._bench = bench
         self._config = config
-        # The body as typed, whatever was measured since; and as it is.
+        # The body as it was typed, before any measurement; and the true body.
         self.profile = load_profile(bench.true.camera.profile)
         self._true = make_true_profile(self.profile, bench.truth.sensor)
         colours = self.profile.colours
@@ -103,7 +103,7 @@ class BenchSensor:
         return encode_dng(samples, **tags)
 
     def photos(self, iso: int, f_number: float, buckets: int) -> list[_Photo]:
-        """The last exposure, of each of a sensor's buckets, one or two.
+        """The last exposure, from each of a sensor's buckets, one or two.
 
         Raises ConfigError when the profile lacks the ISO, ExposureError when no exposure has been
         completed, or it was taken already.
@@ -116,8 +116,8 @@ class BenchSensor:
         return planes
 
     def finder(self, f_number: float) -> NDArray[np.uint8]:
-        """What the finder shows of the panels as they stand: exposed by itself, for the time of a
-        picture at most, with the noise of that."""
+        """The finder's picture of what the panels show now: exposed automatically, for at most the
+        time of a picture, with the noise of that exposure."""
         from pdcd.sensor.finder_picture import choose_finder_gain, draw_finder_picture  # no photo
 
         rate = self._bench.held_light() * self._true_responsivity_e
@@ -152,8 +152,8 @@ class BenchSensor:
         }
 
     def _true_stop(self, f_number: float) -> float:
-        """What lets the light of an engraved stop through: as the truth says, else a sixth power of
-        two beside it, as lenses are made."""
+        """The true stop of an engraved one: that of the truth; else, as lenses are made, the exact
+        third stop (a power of the sixth root of two) next to it."""
         for stop in self._bench.true.camera.stops:
             if stop.f_number == f_number:
                 return stop.true
@@ -174,7 +174,7 @@ class BenchSensor:
         return mosaic
 
     def _sensitivity(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """What each sample makes of its light, over the mean: the same in every photo."""
+        """Sensitivity of each sample relative to the mean: the same in every photo."""
         rng = np.random.default_rng([self._config.seed, 4])
         sigma = np.float32(self._bench.truth.sensor.prnu)
         wobble = rng.standard_normal(shape, dtype=np.float32)
@@ -200,7 +200,7 @@ def make_true_profile(profile: SensorProfile, true: TrueSensor) -> SensorProfile
 
 
 class MockReadout:
-    """A camera without a connection: its files are simply there."""
+    """A camera without a connection: it writes its files directly."""
 
     maturity = "stable"
 
@@ -212,7 +212,7 @@ class MockReadout:
 
     @classmethod
     def create(cls, context: DriverContext) -> MockReadout:
-        """The camera of this rig's bench. Raises ConfigError where it is given options."""
+        """The camera of this rig's bench. Raises ConfigError if it is given options."""
         check_no_options(context.config.camera.options, "camera.options", "camera")
         bench = MockBench.of(context)
         context.shared.photographed = True
@@ -238,7 +238,7 @@ class MockReadout:
         return F_NUMBERS if fixed == "auto" else (float(fixed),)
 
     def arm(self, settings: CameraSettings) -> None:
-        """Take over the settings; ConfigError when the profile lacks the ISO, or the lens the
+        """Take over the settings. Raises ConfigError if the profile lacks the ISO, or the lens the
         stop."""
         self._sensor.profile.row(settings.iso)
         if settings.f_number is None:

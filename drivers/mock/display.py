@@ -32,22 +32,21 @@ from pdcd.probing.panel import vblank_lag_s
 from .bench import MockBench, check_no_options
 
 _REPORT_S = 0.1
-"""Time between progress reports and looks at `cancelled`."""
+"""Time between two progress reports, and two checks of `cancelled`."""
 
 _COMMIT_NS = 1000
-"""From both panels having shown a frame until the next is handed over."""
+"""Time from when both panels have shown a frame until the next is handed over."""
 
 
 class MockDisplay:
     """Shows frames at the vblanks of two panels; a frame is committed when both showed the last.
 
-    So the slower panel throttles both, as one page flip over two outputs does, and unequal refresh
-    rates slip and now and then cost a refresh. Faults of [display.faults] are counted in refreshes
-    of the video signal. Panels of 24 planes show the bits of a picture one after the other, and all
-    of them again when no new picture came. Panels that are
-    given times of rows (`display.row_times`) show rows from their first vblank on, each by a clock
-    of its own. Timestamps are exact; the panels' skew comes on top of them, in the optics. Does not
-    model tearing.
+    So the slower panel throttles both, like one page flip over two outputs; unequal refresh rates
+    slip and sometimes cost a refresh. Faults of [display.faults] are counted in refreshes of the
+    video signal. Panels of 24 planes show the bits of a picture one after the other, and all of
+    them again if no new picture came. Panels with times of rows (`display.row_times`) show rows
+    from their first vblank on, each by its own clock. Timestamps are exact; the optics add the
+    panels' skew. Tearing is not modelled.
     """
 
     maturity = "stable"
@@ -63,7 +62,7 @@ class MockDisplay:
 
     @classmethod
     def create(cls, context: DriverContext) -> MockDisplay:
-        """The panels of this rig's bench. Raises ConfigError where they are given options, or maps
+        """The panels of this rig's bench. Raises ConfigError if they are given options, or maps
         that cannot be used."""
         check_no_options(context.config.display.options, "display.options", "display")
         return cls(MockBench.of(context), context.clock, context.config)
@@ -83,7 +82,7 @@ class MockDisplay:
 
     @property
     def _true_panels(self) -> tuple[PanelConfig, PanelConfig]:
-        """Projector and mask as they are, whatever is believed of them."""
+        """The true projector and mask."""
         return self._bench.true.projector, self._bench.true.mask
 
     def _mask_lag_s(self) -> float | None:
@@ -92,12 +91,12 @@ class MockDisplay:
         if projector.refresh_hz != mask.refresh_hz:
             return None  # it drifts
         delay_s = self._config.mask_delay_rows / self._config.row_hz
-        # Vblanks are seen as they come; of the light after them only what is believed is known.
+        # Vblanks are measured; the light's delay after them is only believed.
         apart = vblank_lag_s(self._bench.true.projector, self._bench.true.mask)
         return apart + mask.skew_s - projector.skew_s + delay_s
 
     def load(self, frames: Frames) -> None:
-        """Check that every code cell has pixels on both panels, and keep the frames."""
+        """Keep the frames, after a check that every code cell has pixels on both panels."""
         if not self._config.display.row_times:
             check_row_times(frames)
         if self._config.display.planes_per_refresh > 1:
@@ -176,7 +175,7 @@ class MockDisplay:
         progress(total, total, self._lost)
 
     def _pass(self, rows: NDArray[np.int32]) -> FrameLog:
-        """Show rows of the frames once, with the configured faults: what, and when."""
+        """Show rows of the frames once, with the configured faults; returns what was shown when."""
         asked = np.stack(streams(rows, self._config.mask_delay_rows))
         planes = self._config.display.planes_per_refresh
         count = -(-asked.shape[1] // planes)
@@ -208,7 +207,7 @@ class MockDisplay:
     def _row_times(
         self, asked: NDArray[np.int32]
     ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-        """Dark time and delay of what is sent, row by row; None where the frames have none."""
+        """Dark time and delay of what is sent, row by row; None if the frames have none."""
         assert self._frames is not None  # noqa: S101
         rows = np.where(asked[0] == BLACK, asked[1], asked[0])
         times = self._frames.dark_s, self._frames.delay_s
@@ -222,8 +221,8 @@ class MockDisplay:
         delay_s: NDArray[np.float64] | None,
         count: int,
     ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-        """When each panel begins each row, and black after them, (2, count + 1), and refreshes lost
-        before each row: rows follow each other by the panel's own clock, which no vblank holds."""
+        """When each panel begins each row, and black after them, (2, count + 1), and the refreshes
+        lost before each row. Rows follow the panel's own clock, not the vblanks."""
         missed = np.zeros(count, dtype=np.int32)
         for row, lost in faults.late.items():
             missed[int(row)] = lost
@@ -273,7 +272,7 @@ class MockDisplay:
         return flips
 
     def _start_ns(self) -> int:
-        """When to hand over the first refresh, so that the vblanks nearest each other take it."""
+        """When to hand over the first refresh, so that both panels take it at nearby vblanks."""
         projector, mask = self._config.projector, self._config.mask
         now_ns = self._clock.now_ns()
         apart_ns = round(vblank_lag_s(projector, mask) * 1e9)
@@ -292,9 +291,10 @@ class MockDisplay:
         missed: NDArray[np.int32],
         again: NDArray[np.int64],
     ) -> FrameLog:
-        """Refreshes (2, V, planes) as rows, each picture as often as its panel showed it."""
+        """The log of refreshes (2, V, planes) as rows; a picture counts as often as it was shown.
+        """
         count, planes = sent.shape[1:]
-        spare = count * planes - asked.shape[1]  # planes of the last picture that nobody asked for
+        spare = count * planes - asked.shape[1]  # unasked planes of the last picture
         number = np.repeat(np.arange(count), 1 + again)
         turn = np.arange(number.size) - np.repeat(np.cumsum(1 + again) - 1 - again, 1 + again)
         plane = np.array(self._config.display.starts)
@@ -336,7 +336,7 @@ def _next_vblank_ns(panel: PanelConfig, at_ns: int) -> int:
     """First vblank of a panel at or after a time."""
     period_ns = 1e9 / panel.refresh_hz
     phase_ns = panel.phase_s * 1e9
-    # A rounding error of the division must not push a vblank that is now to the next one.
+    # A rounding error of the division must not move a vblank at `at_ns` to the next one.
     number = math.ceil((at_ns - phase_ns) / period_ns - 1e-6)
     return round(number * period_ns + phase_ns)
 
@@ -344,7 +344,7 @@ def _next_vblank_ns(panel: PanelConfig, at_ns: int) -> int:
 def _keep_previous(
     shown: NDArray[np.int32], sides: tuple[int, ...], refresh: int, missed: NDArray[np.int32]
 ) -> None:
-    """Let the panels carry the refresh before through this one; counts as a miss."""
+    """Let the panels show the previous refresh for this one, too; it counts as missed."""
     if 0 < refresh < shown.shape[1]:
         for side in sides:
             shown[side, refresh] = shown[side, refresh - 1]

@@ -15,7 +15,7 @@ from .camera import FINDER_S, BenchSensor
 
 
 class MockPreview:
-    """Fifteen pictures a second, of real time whatever clock the rig keeps: they are for eyes."""
+    """Fifteen pictures a second of real time, whatever clock the rig uses: they are for viewing."""
 
     maturity = "stable"
 

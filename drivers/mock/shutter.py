@@ -10,7 +10,7 @@ from .bench import MockBench, check_no_options
 
 
 class Lag:
-    """By how much the blades follow their orders: the lag and its seeded jitter."""
+    """How late the blades follow their orders: the lag and its seeded jitter."""
 
     def __init__(self, config: TriggerConfig, seed: int) -> None:
         self._config = config
@@ -31,7 +31,7 @@ class MockShutter:
     maturity = "stable"
 
     def __init__(self, bench: MockBench, clock: Clock, config: TriggerConfig, seed: int) -> None:
-        """`config` is what is believed of the shutter; the bench knows what it is like."""
+        """`config` is what is believed about the shutter; the bench knows the truth."""
         self._bench = bench
         self._clock = clock
         self._lag = Lag(bench.true.trigger, seed)
@@ -39,7 +39,7 @@ class MockShutter:
 
     @classmethod
     def create(cls, context: DriverContext) -> MockShutter:
-        """The shutter of this rig's bench. Raises ConfigError where it is given options."""
+        """The shutter of this rig's bench. Raises ConfigError if it is given options."""
         config = context.config
         check_no_options(config.trigger.options, "trigger.options", "shutter")
         return cls(MockBench.of(context), context.clock, config.trigger, config.camera.seed)
@@ -50,7 +50,7 @@ class MockShutter:
         return {"model": "mock shutter"}
 
     def open(self) -> int:
-        """Open within the true lag and four jitters; returns when those believed are over."""
+        """Open within the true lag and four jitters; returns when the believed ones have passed."""
         asked_ns = self._clock.now_ns()
         self._bench.open_shutter(asked_ns + self._lag.draw_ns())
         sure_ns = asked_ns + self._sure_ns
@@ -58,7 +58,7 @@ class MockShutter:
         return sure_ns
 
     def close(self) -> int:
-        """The same for closing; returns now when it was closed."""
+        """The same for closing; if it is already closed, returns the present time."""
         asked_ns = self._clock.now_ns()
         bench, fault = self._bench, self._bench.truth.trigger
         if not bench.shutter_open:

@@ -1,11 +1,11 @@
 """Holding the shutter of an EOS body open over USB, and letting go of it whatever happens.
 
-Two ways exist, and a body lists in its DeviceInfo which it knows: RemoteReleaseOn and Off hold a
-released button (newer bodies, and the 50D and 5D Mark II), BulbStart and BulbEnd hold an exposure
-(40D, 450D, 1000D). Bodies with neither need a cable release.
+There are two ways, and a body lists in its DeviceInfo which it knows: RemoteReleaseOn and Off hold
+the release button (newer bodies, and the 50D and 5D Mark II), BulbStart and BulbEnd hold an
+exposure (40D, 450D, 1000D). Bodies with neither need a cable release.
 
-Starting is never sent twice. A start that was not answered is ended, not repeated: the camera may
-have opened all the same, and a second start would be a second photo.
+A start is never sent twice. If it is not answered, the exposure is ended, not started again: the
+camera may have opened all the same, and a second start would be a second photo.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ logger = logging.getLogger(__name__)
 
 _FULL_PRESS, _NO_AUTOFOCUS = 3, 1
 _STOP_TRIES = 3
-"""How often a camera that refuses to close is asked before it is taken at its word."""
+"""How many times a camera that refuses to close is asked before the refusal is accepted."""
 _CLOSED = (ResponseCode.OK, ResponseCode.GENERAL_ERROR)
-"""What is said to the end of an exposure by a camera that has closed, or held nothing open."""
+"""Responses to the end of an exposure from a camera that has closed, or held nothing open."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ BULB = _Method("bulb", Operation.EOS_BULB_START, (), Operation.EOS_BULB_END, ())
 
 
 def choose_method(info: DeviceInfo, wanted: ReleaseName) -> _Method | None:
-    """The way this body offers, or the one that is forced; None where a cable has to do it."""
+    """The way this body offers, or the one that is forced; None if it needs a cable release."""
     for method in (REMOTE, BULB):
         if wanted == method.name or (wanted == "auto" and info.supports(method.start, method.stop)):
             return method
@@ -62,17 +62,17 @@ def choose_method(info: DeviceInfo, wanted: ReleaseName) -> _Method | None:
 
 
 class _Order(Protocol):
-    """Does an operation, with patience for a busy camera (see `EosCamera.order`)."""
+    """Does an operation, and repeats it for a busy camera (see `EosCamera.order`)."""
 
     def __call__(self, code: Operation, *params: int, once: bool = False) -> TransactionReply:
-        """The camera's response, whatever it says."""
+        """The camera's response, whatever it is."""
         ...
 
 
 class Bulb:
-    """The shutter of one camera. Calls are made with the session's lock held.
+    """The shutter of one camera. Callers hold the session's lock.
 
-    `climbs` counts how often the session had to be brought back.
+    `climbs` counts how often the session had to be restored.
     """
 
     def __init__(self, order: _Order, climbs: Callable[[], int], clock: Clock) -> None:
@@ -80,24 +80,24 @@ class Bulb:
         self.since_ns: int | None = None
         """Since when the shutter is or may be open; None when it is surely closed."""
         self.owed = False
-        """Whether an exposure was begun whose photo nobody has fetched yet."""
+        """Whether an exposure was begun whose photo has not been fetched yet."""
         self._order = order
         self._climbs = climbs
         self._clock = clock
         self._spoiled = ""
         self._unanswered = False
-        """Whether the end of this exposure was asked for, and nobody knows what came of it."""
+        """Whether the end of this exposure was requested with an unknown outcome."""
 
     def new_session(self, method: _Method | None) -> None:
-        """A session was opened: close a shutter that the last one, or another program, left open.
+        """In a new session, close a shutter that the last one, or another program, left open.
 
-        An exposure that was under way is spoiled, as it ended nobody knows when. Raises
+        An exposure that was under way is spoiled, as the time of its end is not known. Raises
         ExposureError when the camera does not close it.
         """
         self.method = method
         if method is not None:
             code = self._order(method.stop, *method.stop_params).code
-            # Nobody knows what all bodies say that hold nothing open; a busy one did not do it.
+            # Answers of bodies that hold nothing open are not all known; a busy one did not do it.
             doubted = self.since_ns is not None or code == ResponseCode.DEVICE_BUSY
             if doubted and code not in (*_CLOSED, ResponseCode.OPERATION_NOT_SUPPORTED):
                 raise _refused_to_close(code)
@@ -129,12 +129,12 @@ class Bulb:
                 device=DEVICE,
                 hint="mode dial to M, lens to manual focus, enough battery; then try again",
             )
-        # If the session had to be opened anew before the camera took it, that was no spoiling.
+        # If the session had to be opened anew before the camera began, nothing was spoiled.
         self._spoiled, self.since_ns = "", self._clock.now_ns()
         logger.info("shutter held open method=%s", method.name)
 
     def settle(self) -> None:
-        """Close the shutter at the start of something new; what became of the old is forgotten."""
+        """Close the shutter before something new; the outcome of the old exposure is dropped."""
         if self.since_ns is not None:
             self._stop(self.chosen())
         self._spoiled = ""
@@ -143,7 +143,7 @@ class Bulb:
         """Close the shutter; nothing to do when it is closed.
 
         Raises ExposureError when it is closed but the exposure is spoiled, or when the camera
-        refuses; DeviceLost when it cannot be reached. `since_ns` tells whether it may be open.
+        refuses; DeviceLost when it cannot be reached. `since_ns` says whether it may be open.
         """
         if self.since_ns is not None:
             self._stop(self.chosen())
@@ -176,7 +176,7 @@ class Bulb:
         return self.since_ns is not None and self._clock.now_ns() - self.since_ns > longest_ns
 
     def spoil(self, why: str) -> None:
-        """Let the one who ends the exposure know that it is not to be used."""
+        """Mark the exposure as spoiled; `end` then raises the reason."""
         self._spoiled = why
 
     def chosen(self) -> _Method:
@@ -190,7 +190,7 @@ class Bulb:
         return self.method
 
     def _let_go(self, method: _Method) -> None:
-        """End an exposure whose begin went wrong; the error of the begin is the one that counts."""
+        """End an exposure whose start failed; the error of the start is the one to report."""
         try:
             code = self._order(method.stop, *method.stop_params).code
             if code in _CLOSED:

@@ -1,9 +1,9 @@
 """Numbers of PTP and of Canon's EOS extension to it.
 
 Sources: ISO 15740:2008 (PIMA 15740) clauses 10 to 13 for the standard codes; the Canon codes were
-never published and are known from what bodies say of themselves and from libgphoto2's tables. Only
-the codes that pdcd sends or answers are named. A code that is not named here is no error: cameras
-have many more, so whoever parses keeps plain integers and compares them with these.
+never published and are known from what bodies report and from libgphoto2's tables. Only the codes
+that pdcd sends or answers are named. A code that is not named here is no error: cameras have many
+more, so parsers keep plain integers and compare them with these.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class EosEvent(IntEnum):
 
 
 class Property(IntEnum):
-    """EOS device properties; the value is one u32 where nothing else is said."""
+    """EOS device properties; the value is one u32 unless noted otherwise."""
 
     APERTURE = 0xD101
     SHUTTER_SPEED = 0xD102
@@ -120,7 +120,7 @@ class Property(IntEnum):
     IMAGE_FORMAT = 0xD120
     """In a packed form of its own, see `drivers.ptp.events.AvailList`."""
     FINDER_OUTPUT = 0xD1B0
-    """Where live view goes: bits of its own screen and of the computer."""
+    """Where live view goes: bits for its own screen and for the computer."""
     FINDER_MODE = 0xD1B1
     """Whether live view is allowed at all."""
     CUSTOM_FUNCTIONS = 0xD1A0
@@ -178,7 +178,7 @@ FINDER_WHOLE = 0x00100000
 """Parameter of `Operation.EOS_GET_VIEW_FINDER_DATA`, as libgphoto2 saw it in traces."""
 
 FINDER_JPEG = frozenset({1, 9, 11})
-"""Types of the blocks of its data that hold a JPEG; others tell of focus and exposure."""
+"""Types of data blocks that hold a JPEG; others hold focus and exposure."""
 
 SHUTTER_BULB = (0x0C, 0x04)
 """`Property.SHUTTER_SPEED` values that mean bulb; the 450D lists the first."""

@@ -9,7 +9,7 @@
            12        up to five u32 parameters, or the data
 
 All little-endian (USB still image class, revision 1.0, annex D). A length of 0xFFFFFFFF means that
-the sender does not know it: the container then ends with a short packet.
+the sender does not know the length: the container then ends with a short packet.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Buffer = bytes | bytearray | memoryview
 
 
 class WireError(DecodeError):
-    """Bytes that came from the camera are not what PTP allows: damaged, cut short or foreign."""
+    """Bytes from the camera are not valid PTP: damaged, cut short or foreign."""
 
     def __init__(self, message: str) -> None:
         super().__init__(message, device="camera", hint="the connection or the camera is faulty")
@@ -39,7 +39,7 @@ class WireError(DecodeError):
 
 @dataclass(frozen=True)
 class Header:
-    """The 12 bytes in front. `length_bytes` counts them too; None where the sender left it open."""
+    """The first 12 bytes. `length_bytes` includes them; None if the sender left it open."""
 
     length_bytes: int | None
     kind: ContainerType
@@ -48,7 +48,7 @@ class Header:
 
     @property
     def payload_bytes(self) -> int | None:
-        """Bytes behind the header, None where the sender left the length open."""
+        """Bytes after the header; None if the sender left the length open."""
         return None if self.length_bytes is None else self.length_bytes - HEADER_BYTES
 
 
@@ -103,7 +103,7 @@ def parse_header(data: Buffer) -> Header:
 def parse_message(data: Buffer) -> tuple[Message, int]:
     """Read the command, response or event at the start of `data`.
 
-    Returns it and the bytes it took: `data` may hold more behind it, which is the caller's.
+    Returns it and its length in bytes: `data` may hold more after it, which is left to the caller.
     Raises WireError when it is a data container, is cut short, or its length is not that of a
     header with up to five parameters.
     """

@@ -1,8 +1,8 @@
-"""PTP datasets: what lies in the data phase, packed and parsed.
+"""PTP datasets: the contents of the data phase, packed and parsed.
 
-Strings are a count of UTF-16 units, its terminating zero included, then the units; none at all is
-the single byte 0. Arrays are a u32 count, then the elements (ISO 15740 clause 5.3). Every count is
-checked against the bytes that are there before anything is taken or allocated.
+Strings are a count of UTF-16 units, including the terminating zero, then the units; an empty string
+is the single byte 0. Arrays are a u32 count, then the elements (ISO 15740 clause 5.3). Every count
+is checked against the bytes that are there before anything is taken or allocated.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Reader:
         return struct.unpack(f"<{count}H", self.take(2 * count))
 
     def string(self) -> str:
-        """Next string, without its terminating zero and what a camera left behind it."""
+        """Next string, without its terminating zero and anything after it."""
         units = self.take(2 * self.u8())
         try:
             text = str(units, "utf-16-le")
@@ -91,7 +91,7 @@ def pack_u32s(values: Iterable[int]) -> bytes:
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """What a camera says of itself (ISO 15740 clause 5.5.1); codes as plain integers."""
+    """A camera's description of itself (ISO 15740 clause 5.5.1); codes as plain integers."""
 
     manufacturer: str
     model: str
@@ -134,7 +134,7 @@ class DeviceInfo:
 
     @classmethod
     def parse(cls, data: Buffer) -> DeviceInfo:
-        """Read the dataset; bytes behind it are left alone. Raises WireError."""
+        """Read the dataset; bytes after it are ignored. Raises WireError."""
         take = Reader(data, "DeviceInfo")
         standard, vendor, version = take.u16(), take.u32(), take.u16()
         extension, mode = take.string(), take.u16()
@@ -150,8 +150,8 @@ class DeviceInfo:
 
 @dataclass(frozen=True)
 class ObjectInfo:
-    """What a camera says of one object (ISO 15740 clause 5.5.2), less its thumbnail and size in
-    pixels, which are written as zero."""
+    """A camera's description of one object (ISO 15740 clause 5.5.2), without its thumbnail and size
+    in pixels, which are written as zero."""
 
     storage: int
     format: int
@@ -162,7 +162,7 @@ class ObjectInfo:
     """Date as "YYYYMMDDThhmmss", empty if unknown."""
 
     def pack(self) -> bytes:
-        """Bytes of the dataset. A size beyond 32 bits is written as 0xFFFFFFFF, as PTP has it."""
+        """Bytes of the dataset. A size beyond 32 bits is written as 0xFFFFFFFF, as in PTP."""
         return b"".join(
             (
                 struct.pack("<IHHI", self.storage, self.format, 0,

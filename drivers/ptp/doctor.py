@@ -1,4 +1,4 @@
-"""What there is to say about the camera on the USB, for a person who looks for a fault.
+"""Examines the camera on the USB, for a person who looks for a fault.
 
 Nothing is exposed. A camera that is in use by a running daemon is held by it and cannot be asked.
 """
@@ -34,9 +34,9 @@ _REDUCTION = {
 def examine_ptp(context: DriverContext) -> Iterator[Finding]:
     """Yield everything that can be found out, down to the first thing that fails.
 
-    The options are those of the drivers `ptp` in the configuration; where there is none, any Canon
-    is looked for. One that does not answer is given up as `drivers.ptp.session` has it.
-    Raises nothing of its own: what fails is a finding.
+    The options are those of the drivers `ptp` in the configuration; without any, any Canon is
+    looked for. A camera that does not answer is given up as in `drivers.ptp.session`. Failures
+    become findings, not exceptions.
     """
     config = context.config
     try:
@@ -66,7 +66,7 @@ def examine_ptp(context: DriverContext) -> Iterator[Finding]:
 
 
 def _device(device: Any, *, ours: bool) -> Iterator[Finding]:
-    """One still-image device, and who may open it where it is the one that is looked for."""
+    """One still-image device and, if it is the wanted one, who may open it."""
     node = build_node_path(device.bus, device.address)
     if not ours:
         other = f"{describe_device(device)}: another one, passed over"

@@ -1,7 +1,7 @@
 """A Canon EOS body over PTP: modes, settings, events, bulb, files.
 
-The body tells its settings and what each may be set to in events, once a session; so everything
-known about it comes from `poll`. An event also says that a photo waits.
+The body reports its settings and their allowed values in events, once a session, so everything
+known about it comes from `poll`. An event also announces a waiting photo.
 
 Not modelled: focusing, timed exposures, movies.
 """
@@ -53,29 +53,29 @@ SHUTTER = "shutter"
 """The user that opens and closes."""
 
 _BUSY_S = 5.0
-"""How long a busy camera is asked again; it says 2019 while events wait to be heard."""
+"""How long a busy camera is asked again; it answers 2019 while events wait to be read."""
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8
 _MOST_POLLS, _MOST_DAMAGED = 64, 3
 _MARGIN_S = 10.0
 _LIMIT = "limits.max_exposure_s"
 _LONGEST_S = 1e6
-"""Eleven days, also where limits.max_exposure_s is infinite."""
+"""Eleven days, even if limits.max_exposure_s is infinite."""
 _POLLS = 20
 _CALL_S = 120.0
-"""Longest that anything but a photo's way home may take, whatever the camera answers."""
+"""Longest time for anything but fetching a photo, whatever the camera answers."""
 _LEAVE_S, _CLOSE_S, _LAST_CLOSE_S = 5.0, 1.0, 0.5
-"""What a camera gets to be left in order, to close once all tries have taken their time, and to
-close though it does nothing else, which may be after a cancel."""
+"""Time to leave a camera in order; to close it when all tries have used up their time; and to close
+it when it does nothing else, which may be after a cancel."""
 _CLOSING_S = 10.0
-"""Longest that all tries together to close one exposure may keep anybody waiting."""
+"""Longest wait for all tries together to close one exposure."""
 MOST_PHOTO_B = 1 << 30
-"""Of a camera whose sensor is not known."""
+"""Largest photo of a camera whose sensor is not known."""
 
 
 class EosCamera(Told):
     """One body, used by a shutter, a readout, or both; open while at least one of them is.
 
-    May be called from any thread; each call holds the session to its end.
+    May be called from any thread; each call holds the session until it returns.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class EosCamera(Told):
         self.options = options
         self.patience = patience or Patience(clock)
         self.most_photo_bytes = most_photo_bytes
-        """What a photo of this sensor cannot be longer than."""
+        """Largest possible photo of this sensor."""
         self.session = PtpSession(
             backend,
             clock,
@@ -104,9 +104,9 @@ class EosCamera(Told):
         self.clock = clock
         self._longest_ns = round((min(longest_s, _LONGEST_S) + _MARGIN_S) * 1e9)
         self._due_ns = self._longest_ns
-        """For how long the present exposure may go on."""
+        """How long the present exposure may last."""
         self._close_by_ns: int | None = None
-        """When the tries to close it are over, once there was one."""
+        """When the tries to close it end; set by the first try."""
         self._users: set[str] = set()
         self.alive_period_s = PERIOD_S
         self._alive: KeepAlive | None = None
@@ -130,7 +130,7 @@ class EosCamera(Told):
 
     @contextmanager
     def in_time(self, seconds: float = _CALL_S) -> Iterator[None]:
-        """The session for one call, which ends by DeviceLost if the camera draws it out."""
+        """The session for one call, which ends with DeviceLost if the camera takes too long."""
 
         def over() -> PdcdError:
             return DeviceLost(
@@ -144,8 +144,8 @@ class EosCamera(Told):
 
     @contextmanager
     def _closing(self) -> Iterator[None]:
-        """The session for one of the tries to close an exposure, which share one deadline; a try
-        that comes later still has `_CLOSE_S`."""
+        """The session for one try to close an exposure. All tries share one deadline; a try after
+        it still gets `_CLOSE_S`."""
         if self._close_by_ns is None:
             self._close_by_ns = self.clock.now_ns() + round(_CLOSING_S * 1e9)
         left_s = (self._close_by_ns - self.clock.now_ns()) * 1e-9
@@ -154,14 +154,14 @@ class EosCamera(Told):
 
     @property
     def releases(self) -> bool:
-        """Whether the shutter is worked from here, and not by a cable release."""
+        """Whether the shutter is operated from here, not by a cable release."""
         return SHUTTER in self._users
 
     def open(self, user: str) -> dict[str, str]:
-        """Be open for that user: session, modes, settings known, shutter closed. Idempotent.
+        """Open the camera for this user: session, modes, settings read, shutter closed. Idempotent.
 
-        Returns what the camera is. The user `SHUTTER` raises ConfigError when this body cannot be
-        released over USB.
+        Returns the camera's description. For the user `SHUTTER`, raises ConfigError when this body
+        cannot be released over USB.
         """
         with self.in_time():
             info = self.session.open()
@@ -181,7 +181,7 @@ class EosCamera(Told):
             }
 
     def let_go(self, user: str) -> None:
-        """`close` for a driver that nobody holds any more, where nobody can be told of an error."""
+        """`close` for a driver object that was dropped, where errors cannot be reported."""
         try:
             with self.patience.deaf():
                 self.close(user)
@@ -189,16 +189,17 @@ class EosCamera(Told):
             logger.critical("camera not left as it should be error=%s", err)
 
     def renew(self) -> None:
-        """Begin a new session: whatever waits in the camera is forgotten."""
+        """Begin a new session: anything waiting in the camera is dropped."""
         with self.in_time():
             self.session.close()
             self.session.open()
 
     def close(self, user: str) -> None:
-        """That user is done, `SHUTTER` with it closed; after the last one the camera is let go.
+        """End the use by this user, for `SHUTTER` after closing it; after the last user the camera
+        is released.
 
         Idempotent. Raises what `Bulb.end` raises, and DeviceLost when a camera that may be exposing
-        is not found, with the camera let go all the same.
+        is not found; the camera is released all the same.
         """
         with self.in_time(_CLOSING_S):
             held = user in self._users
@@ -221,7 +222,7 @@ class EosCamera(Told):
     def order(
         self, code: Operation, *params: int, data: bytes | None = None, once: bool = False
     ) -> TransactionReply:
-        """Do an operation; ask a busy camera again, hearing its events meanwhile."""
+        """Do an operation; ask a busy camera again, and read its events meanwhile."""
         until_ns = self.clock.now_ns() + round(_BUSY_S * 1e9)
         pause_s = _FIRST_PAUSE_S
         while True:
@@ -233,11 +234,11 @@ class EosCamera(Told):
             self.poll()
 
     def pause(self, seconds: float) -> None:
-        """Wait on the rig's clock, looking whether anybody still waits."""
+        """Wait on the rig's clock, and check for a cancel."""
         self.patience.sleep(seconds)
 
     def poll(self) -> None:
-        """Hear all events that wait."""
+        """Read all waiting events."""
         with self.in_time():
             damaged = 0
             for _ in range(_MOST_POLLS):
@@ -264,7 +265,7 @@ class EosCamera(Told):
                     return
 
     def set_value(self, prop: Property, value: int, what: str) -> None:
-        """Set a property and see that the camera took it. Raises ExposureError if not."""
+        """Set a property and check that the camera accepted it. Raises ExposureError if not."""
         if self.values.get(prop) == value:
             return
         data = pack_property_set(prop, value)
@@ -278,7 +279,8 @@ class EosCamera(Told):
             )
 
     def tick(self) -> None:
-        """Sign of life, from the thread that keeps the camera awake; leaves a busy one alone."""
+        """Sign of life, from the thread that keeps the camera awake; a busy camera is left alone.
+        """
         session = self.session
         if not session.lock.acquire(blocking=False):
             return
@@ -303,7 +305,7 @@ class EosCamera(Told):
     def begin_exposure(self, longest_s: float | None = None) -> None:
         """Open the shutter. Raises ExposureError, with it closed, when that cannot be done.
 
-        longest_s : when it is closed at the latest, where that is sooner than the limit of all.
+        longest_s : the longest exposure, if that is less than the general limit.
         """
         with self.in_time():
             if self.bulb.since_ns is None:
@@ -318,7 +320,7 @@ class EosCamera(Told):
             self.bulb.begin()
 
     def cut_short(self, why: str) -> None:
-        """Close the shutter in place of whoever opened it, who is told when it ends the exposure.
+        """Close the shutter in place of the thread that opened it, which learns of it at the end.
 
         May be called from any thread. Raises what `Bulb.end` raises.
         """
@@ -333,21 +335,22 @@ class EosCamera(Told):
 
     @property
     def _is_given_up(self) -> bool:
-        """Whether an exposure may go on that nobody tries to end any more, as it took too long."""
+        """Whether an exposure may still go on whose end is no longer awaited, as it took too long.
+        """
         by_ns, since_ns = self._close_by_ns, self.bulb.since_ns
         return by_ns is not None and since_ns is not None and self.clock.now_ns() >= by_ns
 
     def end_exposure(self) -> bool:
         """Close the shutter; returns whether it was open. Raises what `Bulb.end` raises.
 
-        Where that takes longer than `_CLOSING_S`, all tries together, nobody waits for it any more:
-        the thread that keeps the camera awake goes on trying.
+        If all tries together take longer than `_CLOSING_S`, this stops waiting: the thread that
+        keeps the camera awake goes on trying.
         """
         if self.bulb.since_ns is None:  # nobody is asked, who might not answer
             self.bulb.end()
             return False
         with self._closing():
-            self.session.open()  # a camera that was lost is sought again: it may be exposing
+            self.session.open()  # a lost camera is looked for: it may be exposing
             strays = len(self.files)
             try:
                 self.bulb.end()
@@ -359,9 +362,9 @@ class EosCamera(Told):
             return True
 
     def discard(self, photo: ObjectAdded) -> bool:
-        """Free the camera's memory of a photo; one on the card stays there.
+        """Remove a photo from the camera's memory; one on the card stays there.
 
-        Returns whether there was such a photo, as far as the camera tells.
+        Returns whether there was such a photo, as far as the camera reports.
         """
         if photo.on_card:
             self.done.add(photo.handle)
@@ -370,7 +373,7 @@ class EosCamera(Told):
         return reply.code == ResponseCode.OK
 
     def check_ready(self) -> None:
-        """Raises ExposureError, saying what to change on the camera, when it could not expose."""
+        """Raise ExposureError, which says what to change on the camera, if it cannot expose."""
         found = list_setup_faults(self.values, self.custom, self.options.destination)
         if found:
             raise ExposureError("the camera is not ready", device=DEVICE, hint="; ".join(found))
@@ -388,7 +391,7 @@ class EosCamera(Told):
         self.set_value(Property.SHUTTER_SPEED, speed, "shutter speed bulb")
 
     def _set_modes(self) -> None:
-        """What every new session begins with: remote control, events, destination, closed."""
+        """Set up a new session: remote control, events, destination, shutter closed."""
         self.forget()
         try:
             with self.patience.within(_CLOSING_S, _give_way):
@@ -415,13 +418,13 @@ class EosCamera(Told):
         self._set_raw()
 
     def _begin_closed(self) -> None:
-        """Close a shutter that was left open, in the way that this body has."""
+        """Close a shutter that was left open, in this body's way."""
         info = self.session.info
         if info is not None:
             self.bulb.new_session(choose_method(info, self.options.release))
 
     def _throw_away(self, count: int) -> bool:
-        """Discard the oldest waiting photos: what waits while the shutter is open is older.
+        """Discard the oldest waiting photos: those that wait while the shutter is open are older.
 
         Returns whether the camera had one of them.
         """
@@ -433,7 +436,7 @@ class EosCamera(Told):
         return found
 
     def _heard(self, known: Callable[[], bool]) -> bool:
-        """Poll until that is known, or for a second."""
+        """Poll until `known()` is true, or for a second."""
         for _ in range(_POLLS):
             self.poll()
             if known():
@@ -442,7 +445,7 @@ class EosCamera(Told):
         return False
 
     def _leave_modes(self) -> None:
-        """Hand the camera back to its own buttons, as far as it goes along with that."""
+        """Give control back to the camera's own buttons, as far as the camera allows."""
         with suppress(PdcdError), self.patience.within(_LEAVE_S, _give_way):
             if self.session.is_open:
                 card = self._card()
@@ -473,7 +476,7 @@ class EosCamera(Told):
         return next((value for value in offered if value != DESTINATION_RAM), None)
 
     def _set_raw(self) -> None:
-        """Ask for RAW and nothing else, where the camera tells how."""
+        """Ask for RAW and nothing else, if the camera reports how."""
         formats = self.formats
         with suppress(WireError):
             raw = next((packed for packed in formats if is_raw_only(packed)), None)

@@ -28,7 +28,8 @@ _END = struct.pack("<II", _RECORD_BYTES, EosEvent.END)
 _LIST_U32 = 3
 _FORMAT_ENTRY_BYTES = 16
 _MOST_RECORDS, _MOST_CHOICES = 20_000, 1024
-"""Of one list of events, and of what one setting may be: bodies have some hundred of either."""
+"""Most records of one list of events, and most values of one setting; bodies have some hundred of
+either."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class ObjectAdded:
 
 @dataclass(frozen=True)
 class PropValue:
-    """A property has this value now; `data` are its bytes, nearly always one u32."""
+    """The present value of a property; `data` are its bytes, nearly always one u32."""
 
     prop: int
     data: bytes
@@ -83,8 +84,8 @@ class PropValue:
 class AvailList:
     """The values a property can be set to now; an empty list means that it cannot be set.
 
-    `values` are u32. For `Property.IMAGE_FORMAT` they are empty and `packed` holds one piece of
-    bytes an entry, to be sent back as it is (`drivers.ptp.datasets.pack_property_bytes`).
+    `values` are u32. For `Property.IMAGE_FORMAT` they are empty and `packed` holds the bytes of
+    each entry, to be sent back unchanged (`drivers.ptp.datasets.pack_property_bytes`).
     """
 
     prop: int
@@ -101,7 +102,7 @@ class AvailList:
 
 @dataclass(frozen=True)
 class PlainRecord:
-    """Any other record: its code and the bytes behind it."""
+    """Any other record: its code and the bytes after it."""
 
     code: int
     data: bytes = b""
@@ -115,15 +116,15 @@ EosRecord = ObjectAdded | PropValue | AvailList | PlainRecord
 
 
 def pack_events(records: Iterable[EosRecord]) -> bytes:
-    """Pack all records, with the one that ends them."""
+    """Pack all records, followed by the end record."""
     return b"".join(record.pack() for record in records) + _END
 
 
 def parse_events(data: Buffer) -> list[EosRecord]:
     """Read all records of one `EOS_GET_EVENT`; the list is empty when nothing happened.
 
-    Records of codes that are not named come as `PlainRecord`. Some bodies leave the end record out,
-    or send no data at all: the end of `data` is an end too. Raises WireError when a record is cut
+    Records with unnamed codes become `PlainRecord`. Some bodies leave the end record out, or send
+    no data at all: the end of `data` also counts as the end. Raises WireError when a record is cut
     short, is smaller than its own fields, or states a size beyond the data.
     """
     take = Reader(data, "EOS events")

@@ -1,6 +1,6 @@
-"""What can go wrong on the wire, as the recovery ladder tells it apart.
+"""Faults on the wire, as the recovery ladder distinguishes them.
 
-All are `DeviceLost`, so that one nobody dealt with still reaches the client as a typed error.
+All are `DeviceLost`, so that an unhandled fault still reaches the client as a typed error.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ _GONE = frozenset({errno.ENODEV, errno.ESHUTDOWN, errno.ENXIO})
 
 
 class WireFault(DeviceLost):
-    """A transaction failed on the wire; what the camera made of it is not known."""
+    """A transaction failed on the wire; whether the camera carried it out is not known."""
 
     def __init__(self, message: str, *, hint: str = POWER_CYCLE) -> None:
         super().__init__(message, device=DEVICE, hint=hint)
 
 
 class WireTimeout(WireFault):
-    """The camera did not take or give anything within the time."""
+    """The camera neither took nor sent anything within the time."""
 
 
 class EndpointStall(WireFault):
@@ -33,11 +33,11 @@ class EndpointStall(WireFault):
 
 
 class TransactionMismatch(WireFault):
-    """What came is not what the transaction wants: another's id, too few bytes, damaged."""
+    """The answer does not fit the transaction: a wrong id, too few bytes, or damaged."""
 
 
 class SessionLost(WireFault):
-    """The camera does not know the session any more; what was asked was not done."""
+    """The camera does not know the session any more; the operation was not done."""
 
     def __init__(self) -> None:
         super().__init__("forgot the session")
@@ -51,7 +51,7 @@ class DeviceGone(WireFault):
 
 
 class NoAnswer(WireFault):
-    """An operation that must not be repeated got no answer; the wire itself works again."""
+    """An operation that must not be repeated got no answer; the connection works again."""
 
 
 def to_wire_fault(err: usb.core.USBError) -> WireFault:

@@ -1,8 +1,8 @@
 """From the event that announces a photo to a file on disk that is known to be whole.
 
 A photo counts when its size is the one announced, its first bytes are those of a RAW file, and a
-second reading gives the same. What the camera itself damaged, at the right size, cannot be noticed
-here; the SHA-256 that is returned guards against everything after.
+second reading gives the same bytes. Damage by the camera itself, at the right size, cannot be
+noticed here; the SHA-256 that is returned guards against any later damage.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def store_photo(
 ) -> RawFile | None:
     """Store a photo as `path`, complete or not at all, and free the camera's memory of it.
 
-    It is read `twice` and compared unless told otherwise.
+    With `twice` it is read a second time and compared.
 
     Returns None when the camera knows no such object: its event was repeated, or came late.
     Raises ExposureError when the photo is not whole, OSError when the disk refuses.
@@ -93,7 +93,8 @@ def store_photo(
 def _copy(
     camera: EosCamera, photo: ObjectAdded, write: Callable[[memoryview], object]
 ) -> str | None:
-    """Hand all bytes on, block by block; returns their SHA-256, None for an unknown object."""
+    """Pass all bytes to `write`, block by block; returns their SHA-256, None for an unknown object.
+    """
     info, renewed = camera.session.info, camera.session.renewed
     standard = info is not None and info.supports(Operation.GET_PARTIAL_OBJECT)
     read = Operation.GET_PARTIAL_OBJECT if standard else Operation.EOS_GET_PARTIAL_OBJECT
@@ -121,7 +122,7 @@ def _copy(
 
 
 def _nowhere(block: memoryview) -> None:
-    """The second reading is only compared."""
+    """Drop a block: the second reading is only compared."""
 
 
 def _is_raw(head: bytes) -> bool:

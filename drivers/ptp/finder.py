@@ -26,12 +26,12 @@ from .faults import DEVICE
 
 _USER = "preview"
 _PAUSE_S = 0.01
-"""Until a finder that has no new picture is asked again."""
+"""Pause before a finder without a new picture is asked again."""
 _LATER = (ResponseCode.EOS_NOT_READY, ResponseCode.DEVICE_BUSY)
 
 
 class PtpPreview:
-    """The mirror goes up, and the camera sends what it sees. Never run on a real body so far."""
+    """Raises the mirror, and fetches the camera's live view. Never run on a real body so far."""
 
     maturity = "experimental"
 
@@ -46,7 +46,7 @@ class PtpPreview:
         return cls(EosCamera.of(context))
 
     def connect(self) -> dict[str, str]:
-        """Switch live view on. Raises ExposureError for a body that does not go along with it."""
+        """Switch live view on. Raises ExposureError if the body refuses."""
         identity = self._camera.open(_USER)
         self._switch_on()
         return identity
@@ -61,8 +61,7 @@ class PtpPreview:
             self._session = camera.session.renewed
 
     def grab(self, timeout_s: float) -> NDArray[np.uint8]:
-        """The next picture. Raises ExposureError where none comes, or the camera has no live
-        view."""
+        """The next picture. Raises ExposureError if none comes, or the camera has no live view."""
         camera = self._camera
 
         def over() -> PdcdError:
@@ -75,7 +74,7 @@ class PtpPreview:
         with camera.patience.within(timeout_s, over):
             while True:
                 reply = camera.session.call(Operation.EOS_GET_VIEW_FINDER_DATA, FINDER_WHOLE)
-                if camera.session.renewed != self._session:  # a new one begins with it off
+                if camera.session.renewed != self._session:  # a new session begins with it off
                     self._switch_on()
                     continue
                 picture = decode_jpeg(find_finder_jpeg(bytes(reply.data)))
@@ -90,7 +89,7 @@ class PtpPreview:
                 camera.pause(_PAUSE_S)
 
     def disconnect(self) -> None:
-        """Switch live view off, and let the camera go unless shutter or readout have it."""
+        """Switch live view off, and release the camera unless shutter or readout use it."""
         camera = self._camera
         try:
             with camera.patience.deaf(), suppress(PdcdError):
@@ -101,8 +100,8 @@ class PtpPreview:
 
 
 def find_finder_jpeg(data: bytes) -> bytes:
-    """The picture in what a body sends of its finder: blocks of length, type and content, the
-    length being that of all three; empty where there is none."""
+    """The picture in a body's live-view data, which are blocks of length, type and content (the
+    length covers all three); empty if there is none."""
     at = 0
     while at + 8 <= len(data):
         length, kind = struct.unpack_from("<II", data, at)

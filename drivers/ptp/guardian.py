@@ -21,7 +21,7 @@ _USER = "guardian"
 def close_eos(options: PtpOptions, backend: object = None) -> None:
     """Begin a session with the camera and end it; `backend` is pyusb's, None the machine's libusb.
 
-    Raises PdcdError when there is none to be had.
+    Raises PdcdError when no camera can be opened.
     """
     camera = EosCamera(options, RealClock(), backend, TRY_S)
     camera.open(_USER)

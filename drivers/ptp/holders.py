@@ -1,8 +1,8 @@
 """Which program holds a USB device: who has its usbfs node open.
 
-Nothing in the kernel drives still-image cameras on Linux; a camera that is busy is held by another
-program (a desktop's photo monitor, a tethering tool, a second daemon), and detaching a kernel
-driver does not take it away from one. So the error has to name the program.
+No kernel driver claims still-image cameras on Linux: a busy camera is held by another program (a
+desktop's photo monitor, a tethering tool, a second daemon), and detaching a kernel driver does not
+take it away from that program. So the error has to name the program.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def list_holders(node: Path, proc: Path = _PROC) -> list[Holder]:
 
 
 def describe_holders(found: list[Holder], own_pid: int) -> str:
-    """The processes other than this one, for a message; says so when none can be seen."""
+    """The processes other than this one, for a message, or words that none can be seen."""
     others = [f"{h.name} (process {h.pid})" for h in found if h.pid != own_pid]
     return ", ".join(others) or "a program that this user may not see"
 

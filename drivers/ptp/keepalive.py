@@ -1,4 +1,4 @@
-"""A thread that keeps a connected camera awake, hears its events and watches its bulb."""
+"""A thread that keeps a connected camera awake, reads its events and watches its bulb exposure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pdcd.driver import PdcdError
 logger = logging.getLogger(__name__)
 
 PERIOD_S = 2.0
-"""Between two signs of life; cameras switch themselves off after 30 s at the earliest."""
+"""Time between two signs of life; cameras switch themselves off after 30 s at the earliest."""
 
 
 class KeepAlive:
@@ -38,5 +38,5 @@ class KeepAlive:
         while not self._stop.wait(self._period_s):
             try:
                 self._tick()
-            except PdcdError as err:  # whoever uses the camera next meets the same, and says so
+            except PdcdError as err:  # the next user of the camera gets and reports the same error
                 logger.warning("camera not kept awake error=%s", err)

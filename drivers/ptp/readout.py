@@ -35,19 +35,19 @@ _Number = TypeVar("_Number", int, float)
 FILE_EXTRA_S = 30.0
 """A photo is waited for this long, plus twice the exposure: noise reduction doubles it."""
 _LATE_S = 5.0
-"""A photo that takes longer than this and than its exposure is remarked on."""
+"""A photo that takes longer than both this and its exposure is reported with a warning."""
 _WHOLE_S = 1.0
-"""What a photo that was announced in time gets beyond it to be whole."""
+"""Extra time for a photo that was announced in time, to become whole."""
 _STRAY_S = 15.0
 """How long the photo of an exposure that was given up is waited for before the next one."""
 
 
 class PtpReadout:
-    """Sets ISO, aperture and bulb, and fetches what was exposed, whoever worked the shutter.
+    """Sets ISO, aperture and bulb, and fetches the photo, whatever operated the shutter.
 
-    With a cable release the camera is armed in the same way and its photo waited for. An exposure
-    whose photo nobody fetched is dealt with by the next `arm`, so that no photo is taken for that
-    of another exposure. Never run on a real body so far.
+    With a cable release the camera is armed in the same way, and its photo is waited for. The next
+    `arm` deals with exposures whose photos were not fetched, so that no photo is taken for that of
+    another exposure. Never run on a real body so far.
     """
 
     maturity = "experimental"
@@ -66,10 +66,10 @@ class PtpReadout:
         return cls(EosCamera.of(context), context.clock, context.config.camera)
 
     def connect(self) -> CameraInfo:
-        """Open the session and tell what the camera says of itself."""
+        """Open the session and return what the camera reports about itself."""
         identity = self._camera.open("readout")
         choices = self._camera.choices
-        # A body that is not there has films of any size, whatever sensor it says it has.
+        # A virtual body has films of any size, whatever sensor it reports.
         virtual = self._camera.options.in_process
         return CameraInfo(
             model=identity["model"],
@@ -82,15 +82,15 @@ class PtpReadout:
         )
 
     def arm(self, settings: CameraSettings) -> None:
-        """Apply the settings and see that the camera can expose.
+        """Apply the settings and check that the camera can expose.
 
         Raises ConfigError with what the camera offers, ExposureError with what to change on it. A
-        camera that was lost is sought again first.
+        lost camera is looked for first.
         """
         camera, armed_ns, self._armed_ns = self._camera, self._armed_ns, None
         with camera.in_time():
             if armed_ns is not None and not camera.releases:
-                camera.bulb.owed = True  # a cable release tells nobody what it did
+                camera.bulb.owed = True  # a cable release does not report what it did
             camera.session.open()
             camera.poll()
             camera.check_ready()
@@ -152,7 +152,8 @@ class PtpReadout:
         )
 
     def _stored(self, photo: ObjectAdded, path: Path) -> RawFile | None:
-        """`store_photo`; one that cannot be had is thrown away, now or by the next `arm`."""
+        """`store_photo`; a photo that cannot be fetched is thrown away, now or by the next `arm`.
+        """
         camera = self._camera
         try:
             self._same_session()
@@ -168,12 +169,12 @@ class PtpReadout:
             raise
 
     def disconnect(self) -> None:
-        """Let the camera go unless the shutter still has it."""
+        """Release the camera unless the shutter still uses it."""
         self._armed_ns = None
         self._camera.close("readout")
 
     def _same_session(self) -> None:
-        """Settings, and what was exposed with them, are good for the session they were made in."""
+        """Check that the session is still the one of the settings and the exposure."""
         if self._camera.session.renewed != self._session:
             raise ExposureError(
                 "the connection was lost since the camera was armed",
@@ -182,10 +183,10 @@ class PtpReadout:
             )
 
     def _clear(self) -> None:
-        """Throw away photos of exposures that were given up, also one that is yet to come.
+        """Throw away photos of exposures that were given up, also one that is still to come.
 
         Raises ExposureError when that one does not come: it could be taken for the next. With a
-        cable release nobody knows whether there was an exposure, and waiting has to do.
+        cable release it is not known whether there was an exposure, so waiting must be enough.
         """
         camera = self._camera
         until_ns = self._clock.now_ns() + round(_STRAY_S * 1e9) if camera.bulb.owed else 0

@@ -13,8 +13,8 @@ An operation that fails climbs one rung at a time and is repeated after each, ex
 must happen `once`: they are never sent twice unless the camera said that it did not do them.
 
 Longest waits: 8 s for each transaction, 1.5 s for those of the first contact; an operation that
-climbs all the way gives up within `LONGEST_OPERATION_S`. Whoever waits for it may break it off at
-any time (`pdcd.driver.Patience`): the next one then begins by getting back in step.
+climbs all the way gives up within `LONGEST_OPERATION_S`. A cancel may interrupt it at any time
+(`pdcd.driver.Patience`): the next operation then begins by getting back in step.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ from .usb_port import UsbPort, describe_device, find_cameras
 logger = logging.getLogger(__name__)
 
 _CONTACT_S = 1.5
-"""Longest wait for each transfer of the first contact: a camera that is well answers at once."""
+"""Longest wait for each transfer of the first contact: a sound camera answers at once."""
 _CONTACT_TRIES = 3
 _AGAIN_S = 5.0
 """How long a camera may take to come back on the bus after a reset of its port."""
 LONGEST_OPERATION_S = 60.0
-"""Bound of one operation with all rungs of the ladder (4 tries of 8 s, resets and their waits)."""
+"""Longest time of one operation with all rungs (4 tries of 8 s, resets and their waits)."""
 
 _HELD_S = 0.1
-"""How long another thread may hold the session before it is told that it is wanted."""
+"""How long another thread may hold the session before `wanted` tells it that others wait."""
 
 _SESSION = 1
 _STEP, _RESET, _PORT, _GIVE_UP = 2, 3, 4, 5
@@ -61,13 +61,14 @@ _AGAIN_STEP_NS = 200_000_000
 
 
 class PtpSession:
-    """The camera of that USB id and serial number; the only one there is when neither is given.
+    """A session with the camera of this USB id and serial number; if neither is given, with the
+    only camera.
 
     backend : a pyusb backend, or None for the machine's libusb.
-    restore : called whenever a session was opened anew, to set the modes that went with the old.
-    patience : of the rig, looked at between transfers and at every rung of the ladder.
+    restore : called whenever a session was opened anew, to set the modes that were lost.
+    patience : the rig's, checked between transfers and at every rung of the ladder.
 
-    Every method may be called from any thread; one `hold`s the session while it runs.
+    Every method may be called from any thread; it `hold`s the session while it runs.
     """
 
     def __init__(
@@ -82,10 +83,10 @@ class PtpSession:
     ) -> None:
         self.lock = threading.RLock()
         self.wanted = threading.Event()
-        """Whether somebody waits for the session that another thread holds."""
+        """Whether a thread waits for the session that another one holds."""
         self.info: DeviceInfo | None = None
         self.renewed = 0
-        """How often a session was opened; handles of objects do not outlive one."""
+        """How often a session was opened; handles of objects are only valid within one."""
         self.found = 0
         """How often the camera was found on the bus; it may have been switched off between."""
         self.climbs = 0
@@ -106,7 +107,7 @@ class PtpSession:
 
     @property
     def is_opening(self) -> bool:
-        """Whether a session is being opened, or brought back, just now."""
+        """Whether a session is just being opened or restored."""
         return self._climbing
 
     @property
@@ -116,7 +117,8 @@ class PtpSession:
 
     @contextmanager
     def hold(self) -> Iterator[None]:
-        """The session for one thread, which may hold it already; raises as `Patience.look` does."""
+        """Hold the session for one thread, which may already hold it; raises what `Patience.look`
+        raises."""
         if not self.lock.acquire(timeout=_HELD_S):
             self.wanted.set()
             try:
@@ -152,8 +154,8 @@ class PtpSession:
     ) -> TransactionReply:
         """Do an operation and return the camera's response, which may be a refusal.
 
-        Raises Unanswered when it is to happen `once` and no answer came, and DeviceLost when the
-        camera cannot be brought back.
+        Raises NoAnswer if it must happen `once` and no answer came, and DeviceLost if the camera
+        cannot be brought back.
         """
         with self.hold():
             rung = _STEP
@@ -173,7 +175,7 @@ class PtpSession:
                 rung = 1 + self._climb(rung, code, SessionLost())
 
     def close(self) -> None:
-        """End the session and let the camera go. Idempotent; never raises."""
+        """End the session and release the camera. Idempotent; never raises."""
         with self.hold():
             transport, self._transport = self._transport, None
             if transport is None:
@@ -190,7 +192,7 @@ class PtpSession:
         return self._transport
 
     def _climb(self, rung: int, code: Operation, fault: WireFault) -> int:
-        """Bring the camera back from that rung on; returns the rung that did it."""
+        """Bring the camera back, starting at this rung; returns the rung that succeeded."""
         self.climbs += 1
         try:
             while rung < _GIVE_UP:
@@ -218,7 +220,7 @@ class PtpSession:
         ) from fault
 
     def _guarded(self, action: Callable[[], None]) -> None:
-        """Do something in which a fault is not to climb once more."""
+        """Do something in which a fault must not climb the ladder again."""
         self._climbing = True
         try:
             action()
@@ -254,7 +256,7 @@ class PtpSession:
             self._clock.sleep_until_ns(self._clock.now_ns() + _AGAIN_STEP_NS)
 
     def _find(self, serial: str | None) -> None:
-        """Claim the camera of that serial number, or the only one, and begin a session on it."""
+        """Claim the camera with this serial number, or the only one, and begin a session on it."""
         devices = find_cameras(self._backend, self._usb_id)
         places = ", ".join(describe_device(device) for device in devices)
         if len(devices) > 1 and not serial:
@@ -313,7 +315,7 @@ def _greet(transport: Transport) -> DeviceInfo:
 def _hello(transport: Transport) -> DeviceInfo:
     reply = _open_session(transport)
     if reply.code == ResponseCode.SESSION_ALREADY_OPEN:
-        # Left over from a program that died. A camera tells its settings once a session: begin one.
+        # Left over from a dead program. A camera reports its settings once a session: begin one.
         transport.transact(Operation.CLOSE_SESSION, timeout_s=_CONTACT_S)
         reply = _open_session(transport)
     if reply.code not in (ResponseCode.OK, ResponseCode.SESSION_ALREADY_OPEN):

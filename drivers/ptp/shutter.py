@@ -13,17 +13,18 @@ from ..guard import ShutterGuard
 from .eos import SHUTTER, EosCamera
 
 PTP_GUARDIAN: tuple[str, ...] = (sys.executable, "-P", "-m", f"{__package__}.guardian")
-"""Closes the shutter should this process be killed; its socket and the camera's options follow."""
+"""Command that closes the shutter if this process is killed; its socket and the camera's options
+follow."""
 _ANSWER_S = 20.0
-"""Bound of the guardian's answers; its start takes half a second."""
+"""Longest time for an answer of the guardian; its start takes half a second."""
 
 
 class PtpShutter:
     """Opens and closes by BulbStart and BulbEnd, or by RemoteReleaseOn and Off.
 
-    Goes with `PtpReadout`, or with any other readout: the photo then stays on the card. The time
-    by which the shutter is surely open is that of the camera's answer plus `trigger.lag_s` and four
-    `trigger.jitter_s`, which are to be measured on the bench; over USB they are not published.
+    It goes with `PtpReadout`, or with any other readout: the photo then stays on the card. The
+    shutter is surely open `trigger.lag_s` plus four `trigger.jitter_s` after the camera's answer.
+    These must be measured on the bench; for USB they are not published.
 
     The shutter is closed when the driver is disconnected, forgotten, or the interpreter ends; when
     the process is killed, another one does it (`drivers.ptp.guardian`). Never run on a real body so
@@ -58,13 +59,13 @@ class PtpShutter:
         Raises DeviceLost, and ConfigError when this body cannot hold its shutter open over USB.
         """
         found = self._camera.open(SHUTTER)
-        # A virtual camera is in this process, and would go with it.
+        # A virtual camera is in this process, and would end with it.
         if not self._camera.options.in_process:
             self._be_guarded(found["serial"])
         return found
 
     def expect_exposure(self, exposure_s: float, longest_s: float) -> None:
-        """Have the camera's keeper end the next exposure by then."""
+        """Have the thread that keeps the camera awake end the next exposure by then."""
         self._longest_s = longest_s
 
     def open(self) -> int:
@@ -87,13 +88,13 @@ class PtpShutter:
         return self._surely() if was_open else self._clock.now_ns()
 
     def disconnect(self) -> None:
-        """Close, and let the camera go unless the readout still has it."""
+        """Close, and release the camera unless the readout still uses it."""
         try:
             self._camera.close(SHUTTER)
         finally:
             self._tell()
             if self._guard is not None:
-                # One that has a shutter to close may take long.
+                # With a shutter to close the guardian may take long.
                 self._guard.stop(wait=not self._may_be_open)
 
     @property
@@ -101,7 +102,7 @@ class PtpShutter:
         return self._camera.bulb.since_ns is not None
 
     def _be_guarded(self, serial: str) -> None:
-        """Have a guardian that hears, for the camera of that serial number."""
+        """Make sure that a guardian answers, for the camera with this serial number."""
         if self._guard is not None:
             self._guard.stop()
         options = msgspec.structs.replace(self._camera.options, serial=serial)
@@ -114,7 +115,7 @@ class PtpShutter:
         self._guard.insist("disarm")
 
     def _tell(self) -> None:
-        """Let the guardian know when the shutter is surely closed."""
+        """Disarm the guardian when the shutter is surely closed."""
         if self._guard is not None and not self._may_be_open:
             self._guard.disarm()
 

@@ -1,4 +1,4 @@
-"""What a body has told in its events: settings, what they may be, and the photos that wait."""
+"""What a body has reported in its events: settings, their allowed values, and waiting photos."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .faults import DEVICE, POWER_CYCLE
 
 _U32_B = 4
 _MOST_FILES = 256
-"""Photos that wait: an exposure makes two files at most."""
+"""Most photos that may wait; an exposure makes two files at most."""
 _MOST_SETTINGS = 4096
-"""Bodies have some hundred."""
+"""Most settings; bodies have some hundred."""
 
 
 class Told:
-    """What one camera has told since its session began, no more than a camera can have to tell."""
+    """What one camera has reported since its session began, within the limits of real cameras."""
 
     def __init__(self) -> None:
         self.values: dict[int, int] = {}
@@ -31,18 +31,18 @@ class Told:
         self.files: deque[ObjectAdded] = deque()
         """Photos that wait to be fetched, oldest first."""
         self.done: set[int] = set()
-        """Handles on the card, which stay good when announced twice."""
+        """Handles of photos on the card that are done, even if announced again."""
         self.formats: tuple[bytes, ...] = ()
 
     def forget(self) -> None:
-        """A new session begins."""
+        """Forget everything, as a new session begins."""
         for known in (self.values, self.choices, self.files, self.done):
             known.clear()
 
     def hear(self, event: EosRecord) -> bool:
-        """Take note of an event; whether it is that the camera will soon switch itself off.
+        """Record an event; returns whether it says that the camera will soon switch itself off.
 
-        Raises DeviceLost when there is no end to what it tells.
+        Raises DeviceLost when the camera reports without end.
         """
         if len(self.files) > _MOST_FILES or len(self.values) + len(self.choices) > _MOST_SETTINGS:
             self.forget()
@@ -52,7 +52,7 @@ class Told:
                 if event.handle not in self.done:
                     self.files.append(event)
             case PropValue(prop=Property.CUSTOM_FUNCTIONS):
-                with suppress(WireError):  # only bodies that pack them otherwise
+                with suppress(WireError):  # bodies that pack them differently
                     self.custom = parse_custom_functions(event.data)
             case PropValue() if len(event.data) == _U32_B:
                 self.values[event.prop] = event.value

@@ -1,11 +1,11 @@
 """PTP transactions over one USB port: command, data either way, response, and back in step.
 
 A container is a header of 12 bytes and its parameters or data. On the way in, one transfer may hold
-a header alone, header and data, or the response glued behind the data; a container of whole packets
-may be followed by an empty packet, or not. All of that is accepted.
+only a header, header and data, or data directly followed by the response; a container of whole
+packets may or may not be followed by an empty packet. All of these are accepted.
 
-Reading into one buffer that is kept costs no copy: the data of a reply that came in one transfer is
-a view of that buffer, good until the next transaction.
+Transfers are read into one buffer that is kept, which saves a copy: the data of a reply that came
+in one transfer is a view of that buffer, valid until the next transaction.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ BLOCK_B = 1 << 20
 _BUFFER_B = BLOCK_B + 1024
 _SMALL_B = 1024
 _MOST_DATA_B = 2 * BLOCK_B
-"""Of one transaction: no block of a photo is longer, and event lists are far shorter."""
+"""Most data of one transaction: no block of a photo is longer; event lists are far shorter."""
 _MOST_STRAY = 8
 _DRAIN_S = 0.1
 _STATUS_S, _STATUS_STEP_NS = 2.0, 100_000_000
@@ -44,7 +44,7 @@ _STATUS_S, _STATUS_STEP_NS = 2.0, 100_000_000
 
 @dataclass(frozen=True)
 class TransactionReply:
-    """The response of a transaction, and its data; `data` is good until the next transaction."""
+    """The response of a transaction, and its data; `data` is valid until the next transaction."""
 
     code: int
     params: tuple[int, ...]
@@ -54,8 +54,8 @@ class TransactionReply:
 class Transport:
     """Transactions over a claimed port; raises `WireFault` when one cannot be completed.
 
-    After a fault the two sides may be out of step: call `back_in_step` before the next one. A
-    transaction that was broken off by whoever waits for it is given up at the next one.
+    After a fault the two sides may be out of step: call `back_in_step` before the next transaction.
+    A transaction that was interrupted by a cancel is given up at the next one.
     """
 
     def __init__(self, port: UsbPort, clock: Clock) -> None:
@@ -74,7 +74,7 @@ class Transport:
         return self._port.name
 
     def restart_ids(self) -> None:
-        """The next transaction is number 0, as OpenSession has to be."""
+        """Give the next transaction number 0, as OpenSession requires."""
         self._next_id = 0
 
     def transact(
@@ -84,7 +84,7 @@ class Transport:
         data: bytes | None = None,
         timeout_s: float = TRANSACTION_S,
     ) -> TransactionReply:
-        """Send an operation and return the camera's response to it, whatever it says."""
+        """Send an operation and return the camera's response to it, whatever it is."""
         if self._broken_off:
             self.back_in_step()
         self._until_ns = self._clock.now_ns() + round(timeout_s * 1e9)
@@ -137,7 +137,7 @@ class Transport:
         self._port.device_reset()
 
     def usb_reset(self) -> None:
-        """Reset the port and let it go."""
+        """Reset the port and release it."""
         self._port.usb_reset()
 
     def close(self) -> None:
@@ -145,7 +145,7 @@ class Transport:
         self._port.close()
 
     def _left_s(self) -> float:
-        """What is left of the transaction's time. Raises WireTimeout when it is over."""
+        """Time that is left for the transaction. Raises WireTimeout when it is over."""
         left_ns = self._until_ns - self._clock.now_ns()
         if left_ns <= 0:
             raise WireTimeout("takes too long over one answer")
@@ -155,7 +155,7 @@ class Transport:
         buffer, payload = self._buffer, memoryview(b"")
         for _ in range(_MOST_STRAY):
             first = self._transfer(buffer)
-            if len(first) == 0:  # the empty packet behind a container of whole packets
+            if len(first) == 0:  # the empty packet after a container of whole packets
                 continue
             head = parse_header(first)
             if head.kind is not ContainerType.DATA:
@@ -176,7 +176,8 @@ class Transport:
         raise TransactionMismatch("sends containers without end")
 
     def _data(self, first: memoryview, need: int | None) -> memoryview:
-        """The payload of the data container that begins with `first`; None: to a short packet."""
+        """The payload of the data container that begins with `first`, `need` bytes long; with None
+        it ends with a short packet."""
         last, piece = first, first[HEADER_BYTES:]
         if not piece and need != 0:  # the header came alone
             last = piece = self._transfer(self._buffer)
@@ -203,7 +204,7 @@ class Transport:
         return memoryview(whole)[:need]
 
     def _transfer(self, buffer: array.array[int]) -> memoryview:
-        """What came with one transfer, or was left over from the last."""
+        """The bytes of one transfer, or those left over from the last one."""
         if self._surplus:
             kept, self._surplus = self._surplus, b""
             return memoryview(kept)

@@ -1,6 +1,6 @@
 """A still-image device on the USB: found, claimed, read and written through pyusb.
 
-Only moves bytes; what they mean is the business of `drivers.ptp.transport`. The still-image class
+It only moves bytes; `drivers.ptp.transport` knows what they mean. The still-image class
 (PIMA 15740) has a bulk endpoint each way, and four requests on the control endpoint.
 """
 
@@ -35,7 +35,7 @@ _CANCEL, _RESET, _STATUS = 0x64, 0x66, 0x67
 _CLASS_OUT, _CLASS_IN = 0x21, 0xA1
 _CONTROL_S = 0.8
 _STEP_MS = 200
-"""Longest transfer between two looks at who waits for it."""
+"""Longest transfer between two checks whether it is still wanted."""
 _STATUS_B = 64
 _WENT = (errno.ENODEV, errno.ENOENT)
 
@@ -43,7 +43,7 @@ PERMISSION_HINT = "install pdcd's udev rule, be in its group, and plug the camer
 
 
 def find_cameras(backend: object, usb_id: tuple[int, int] | None) -> list[Any]:
-    """The devices with a still-image interface: of that vendor and product, or Canon's.
+    """The devices with a still-image interface: of this vendor and product, or all of Canon's.
 
     `backend` is a pyusb backend; None takes the machine's libusb. Raises DriverUnavailable when
     there is none.
@@ -60,7 +60,7 @@ def find_cameras(backend: object, usb_id: tuple[int, int] | None) -> list[Any]:
 def find_still_image_devices(
     backend: object, wanted: Callable[[Any], bool] = lambda _: True
 ) -> list[Any]:
-    """Whatever has a still-image interface, telephones included; raises as `find_cameras` does."""
+    """All devices with a still-image interface, including telephones; raises as `find_cameras`."""
 
     def matches(device: Any) -> bool:
         return wanted(device) and _interface(device) is not None
@@ -127,7 +127,7 @@ class UsbPort:
         return describe_device(self._device)
 
     def read_into(self, buffer: array.array[int], timeout_s: float) -> int:
-        """Bytes of one transfer from the camera, put to the front of the buffer.
+        """Read one transfer from the camera into the front of the buffer; returns its bytes.
 
         The buffer holds whole packets; a transfer ends when it is full or by a short packet.
         """
@@ -154,7 +154,7 @@ class UsbPort:
         return int.from_bytes(reply[2:4], "little")
 
     def device_reset(self) -> None:
-        """Class request 66: the camera forgets its session and all that belongs to it."""
+        """Class request 66: the camera forgets its session and everything that belongs to it."""
         self._control(_CLASS_OUT, _RESET, b"")
         for endpoint in (self._in, self._out):
             self.clear_halt(endpoint)
@@ -171,7 +171,7 @@ class UsbPort:
         try:
             self._device.reset()
         except usb.core.USBError as err:
-            if err.errno not in _WENT:  # which is what libusb says of one that comes back anew
+            if err.errno not in _WENT:  # libusb's error for a device that comes back as a new one
                 raise to_wire_fault(err) from err
         finally:
             self.close()
@@ -199,7 +199,7 @@ class UsbPort:
                 return int(transfer(endpoint, data, step_ms))
             except usb.core.USBError as err:
                 fault = to_wire_fault(err)
-                left_ms -= step_ms  # one that timed out has moved nothing, and is begun anew
+                left_ms -= step_ms  # a transfer that timed out has moved nothing: begin anew
                 waits = isinstance(fault, WireTimeout) and left_ms > 0
                 if not waits and (stalled or not isinstance(fault, EndpointStall)):
                     raise fault from err
@@ -235,7 +235,7 @@ def _interface(device: Any) -> Any:
 
 
 def _refused(device: Any, err: usb.core.USBError) -> DeviceLost:
-    """Why the interface could not be claimed, in words that help."""
+    """The error that says why the interface could not be claimed, and what to do."""
     if err.errno == errno.EBUSY:
         who = describe_holders(
             list_holders(build_node_path(device.bus, device.address)), os.getpid()

@@ -1,4 +1,4 @@
-"""Settings of an EOS body as people know them, from the codes it lists."""
+"""Settings of an EOS body in photographers' terms, from the codes that it lists."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _BATTERY_EMPTY = 0
 
 
 def list_isos(codes: tuple[int, ...]) -> dict[int, int]:
-    """ISO -> code of those listed, ascending; the automatic one is left out."""
+    """ISO -> code for the listed codes, ascending; the automatic one is left out."""
     named = ((ISO_CODES.get(code, 0), code) for code in codes)
     return dict(sorted((iso, code) for iso, code in named if iso))
 
 
 def list_f_numbers(codes: tuple[int, ...]) -> dict[float, int]:
-    """f-number -> code of those listed, ascending; empty for a lens without contacts."""
+    """f-number -> code for the listed codes, ascending; empty for a lens without contacts."""
     found: dict[float, int] = {}
     for code in codes:
         if code in APERTURE_CODES:
@@ -35,9 +35,9 @@ def list_f_numbers(codes: tuple[int, ...]) -> dict[float, int]:
 def list_setup_faults(
     values: Mapping[int, int], custom: Mapping[int, int], destination: str
 ) -> list[str]:
-    """What has to be changed on the camera before it can hold an exposure; empty when nothing.
+    """What must be changed on the camera before it can hold an exposure; empty if nothing must.
 
-    values, custom : properties and custom functions as told so far; what was not told is not
+    values, custom : properties and custom functions as reported so far; those not reported are not
     judged. destination : "ram" or "card".
     """
     mode = values.get(Property.EXPOSURE_MODE, ExposureMode.MANUAL)
