@@ -1,23 +1,24 @@
 """The process that releases the shutter when the daemon cannot: killed, crashed or stuck.
 
 Started by `drivers.serial_shutter.watchdog` with the open port and one end of a socket pair; run
-as a file by a bare interpreter (``-I -S``), so it imports nothing of pdcd. It speaks on the socket:
+as a file by a bare interpreter (``-I -S``), so it imports nothing of pdcd. Words on the socket:
 
 ======== ==================== =====================================================
 in       out                  meaning
 ======== ==================== =====================================================
 arm S    ok                   release the shutter unless told otherwise within S seconds, and
                               every `AGAIN_S` from then on
-disarm   ok, fired, lost,     the shutter is closed; whether it was this process that did it (or
-         silent               tried to) since the last arm or disarm, as time was up or nobody spoke
-look     the same             nothing changes: whether this process is there
+disarm   ok, fired, lost,     the shutter is closed. The answer says whether this process closed it
+         silent               since the last arm or disarm: ok: no; fired: time was up; silent:
+                              the daemon was not heard; lost: it tried, and the port failed
+look     the same             asks for the answer only; nothing changes
 (end)                         the daemon is gone or done: release if armed, then end
 ======== ==================== =====================================================
 
 The kernel closes the daemon's end however the daemon ends, so SIGKILL and segmentation faults
-count as well. An armed guardian that hears nothing for `_FROZEN_S` takes the daemon for frozen:
-whoever looks after it there speaks ten times a second. It is born with all signals blocked
-(`drivers.guard`); the only thing that it does not survive is SIGKILL.
+count as well. An armed guardian that hears nothing for `_FROZEN_S` takes the daemon for frozen: a
+daemon that works speaks ten times a second. The guardian starts with all signals blocked
+(`drivers.guard`); only SIGKILL ends it.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ import time
 
 _LINES = {"rts": termios.TIOCM_RTS, "dtr": termios.TIOCM_DTR}
 AGAIN_S = 1.0
-"""How often the shutter is released once the time is up, while nobody says that it is closed: a
-port may not have taken it, and a daemon that was stopped may send its command to open only then."""
+"""Once the time is up, the release is repeated at this interval until the daemon disarms. The port
+may not have taken the first one, and a stopped daemon may send its command to open later."""
 _FROZEN_S = 10.0
 """As in `drivers.guard`, which is not imported here."""
 _TRIES = 3
@@ -56,13 +57,13 @@ def release_shutter(port: int, how: str, value: str) -> bool:
     left = bytes.fromhex(value) if how == "command" else b""
     for _ in range(_TRIES):
         try:
-            while left:  # a port may take a part of it
+            while left:  # a port may take only a part of it
                 left = left[os.write(port, left) :]
             if how != "command":
                 action = termios.TIOCMBIS if value == "1" else termios.TIOCMBIC
                 fcntl.ioctl(port, action, struct.pack("I", _LINES[how]))
             return True
-        except BlockingIOError:  # it is full of what was sent before
+        except BlockingIOError:  # its buffer is full of earlier bytes
             room = select.poll()
             room.register(port, select.POLLOUT)
             room.poll(_ROOM_MS)
@@ -72,7 +73,7 @@ def release_shutter(port: int, how: str, value: str) -> bool:
 
 
 def run_serial_guardian(port: int, how: str, value: str, talk: socket.socket) -> None:
-    """Serve until the other end is gone."""
+    """Serve until the other end of the socket is closed."""
     deadline_s: float | None = None
     heard_s, state, why = time.monotonic(), b"ok", b""
     while True:
@@ -101,7 +102,7 @@ def run_serial_guardian(port: int, how: str, value: str, talk: socket.socket) ->
         with contextlib.suppress(OSError):
             talk.send(state)
         if verb == "disarm":
-            state = b"ok"  # said once
+            state = b"ok"  # the answer is given once
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What can be said of a serial port without opening it: to open one is to move its lines."""
+"""What can be found out about a serial port without opening it, as opening moves its lines."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pathlib import Path
 from pdcd.driver import Finding
 
 _PATTERNS = ("ttyUSB*", "ttyACM*", "ttyS[0-9]*", "serial/by-id/*")
-"""Below /dev: ports that may be meant where the configured one is not there."""
+"""Patterns below /dev of ports to suggest when the configured one does not exist."""
 _SHOWN = 6
 
 
 def inspect_port(port: str) -> Iterator[Finding]:
-    """Yield one finding: whether the port is there, is a serial device, and may be opened by us.
+    """Yield one finding: whether the port exists, is a serial device, and may be opened by us.
 
-    A port of pyserial's URLs (``rfc2217://...``) is not looked for. Opens nothing.
+    Ports given as URLs of pyserial (``rfc2217://...``) are not looked for. Opens nothing.
     """
     if "://" in port:
         yield Finding("port", "unknown", f"{port}: only --click asks it", None)
@@ -39,8 +39,8 @@ def inspect_port(port: str) -> Iterator[Finding]:
 
 
 def list_serial_ports(devices: Path = Path("/dev")) -> tuple[str, ...]:
-    """Ports on which a release may hang, adapters first: by their lasting names where they have
-    one. The kernel names more ports of the board than there are; those without a chip are left out.
+    """Ports to which a release may be connected, adapters first, by persistent name if they have
+    one. The kernel names more ports of the board than exist; those without a chip are left out.
     """
     lasting = {os.path.realpath(path): str(path) for path in devices.glob("serial/by-id/*")}
     found = []
@@ -63,7 +63,7 @@ def _why(err: OSError | ValueError) -> str:
 
 
 def _others() -> str:
-    """Name what there is instead."""
+    """Name the ports that exist instead."""
     found = sorted(str(path) for pattern in _PATTERNS for path in Path("/dev").glob(pattern))
     if not found:
         return "is it plugged in? this machine has no serial port at all"

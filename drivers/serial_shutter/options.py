@@ -10,7 +10,7 @@ from msgspec import Meta
 from pdcd.driver import TriggerConfig, read_options
 
 LONGEST_ANSWER_S = 1e6
-"""Eleven days. Infinity, for one, is a time that no timer can be set to."""
+"""Eleven days. No timer can be set to infinity, for one."""
 _Seconds = Annotated[float, Meta(ge=0.0, le=3600.0)]
 
 
@@ -33,15 +33,14 @@ class SerialOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     close_reply_hex: str = ""
     baud: Annotated[int, Meta(ge=50, le=4_000_000)] = 9600
     ready_s: _Seconds = 0.0
-    """Time a box needs after the port was opened: an Arduino starts anew and takes 2 s."""
+    """Time that a box needs after the port is opened: an Arduino restarts, which takes 2 s."""
     feedback: Literal["none", "cts", "dsr"] = "none"
-    """Input that tells that the shutter is open (the flash contact)."""
+    """Input that says that the shutter is open (the flash contact)."""
     feedback_active_low: bool = False
     answer_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 1.0
-    """How long a reply or the feedback may take; nobody hears a sign of life from who reads."""
+    """How long a reply or the feedback may take; no sign of life is sent during a read."""
     limit_s: Annotated[float, Meta(gt=0.0, le=LONGEST_ANSWER_S)] | None = None
-    """After how long the watchdog ends an exposure; unset: limits.max_exposure_s and half a minute.
-    """
+    """After how long the watchdog ends an exposure; unset: limits.max_exposure_s plus 30 s."""
 
     def __post_init__(self) -> None:
         commands = bytes.fromhex(self.open_hex), bytes.fromhex(self.close_hex)

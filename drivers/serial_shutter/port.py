@@ -46,7 +46,7 @@ class Port:
     """An open port. Raises DeviceLost when it cannot be opened or stops answering."""
 
     def __init__(self, options: SerialOptions, look: Callable[[], None] = lambda: None) -> None:
-        """`look()` is called while the box is waited for; what it raises ends the wait."""
+        """`look()` is called while waiting for the box; an exception from it ends the wait."""
         self._options = options
         self._look = look
         self._idle = options.active_low
@@ -59,7 +59,7 @@ class Port:
 
     @property
     def fd(self) -> int | None:
-        """File descriptor; None for ports that are not of this machine."""
+        """File descriptor; None for ports that are not on this machine."""
         try:
             return int(self._serial.fileno())
         except (io.UnsupportedOperation, AttributeError):
@@ -73,7 +73,7 @@ class Port:
         return self._options.release, str(int(self._idle))
 
     def drive(self, *, opened: bool) -> None:
-        """Hold the line, or send the command and see that the reply is right.
+        """Hold the line, or send the command and check the reply.
 
         Raises ExposureError for a wrong reply, ConfigError for a port without modem lines.
         """
@@ -138,7 +138,7 @@ class Port:
             termios.tcsetattr(self.fd, termios.TCSANOW, attributes)
 
     def _bytes_alone(self) -> bool:
-        """Whether this is a connection (``socket://``), which has no lines, and needs none."""
+        """Whether this is a connection (``socket://``), which has no modem lines and needs none."""
         if self._options.release != "command" or self._options.feedback != "none":
             return False
         return self.fd is not None and stat.S_ISSOCK(os.fstat(self.fd).st_mode)
@@ -169,7 +169,7 @@ class Port:
             )
 
     def _answer(self, count: int) -> bytes:
-        """So many bytes, fewer when they do not come in time."""
+        """Read `count` bytes; fewer when they do not arrive in time."""
         answer, until_s = b"", time.monotonic() + self._options.answer_s
         while len(answer) < count and time.monotonic() < until_s:
             self._look()
@@ -177,7 +177,8 @@ class Port:
         return answer
 
     def _sent(self, word: str) -> None:
-        """Return once all is sent. The kernel alone waits without bound for a box that hangs."""
+        """Return once all is sent. Without this limit the kernel would wait forever for a box that
+        hangs."""
         until_s = time.monotonic() + self._options.answer_s
         while "://" not in self._options.port and self._serial.out_waiting:
             self._look()
@@ -194,7 +195,7 @@ class Port:
     def _errors(self) -> Iterator[None]:
         try:
             yield
-        # OSError is also pyserial's own exception; termios.error is none.
+        # pyserial's own exception is an OSError; termios.error is not.
         except (OSError, termios.error) as err:
             port = self._options.port
             if err.args and err.args[0] in (errno.ENOTTY, errno.EINVAL):

@@ -1,8 +1,8 @@
 """The shutter on a serial port.
 
-Never run on real hardware: the port's own code is tested on pseudo-terminals and on a fake line,
-the kernel's part (pulse at open, HUPCL) is from its source. Not modelled: boxes that only send a
-pulse, or that toggle.
+Never run on real hardware: the port's code is tested on pseudo-terminals and on a fake line; the
+kernel's behaviour (pulse at open, HUPCL) is taken from its source. Not supported: boxes that only
+send a pulse, or that toggle.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ logger = logging.getLogger(__name__)
 
 _POLL_NS = 1_000_000
 _MARGIN_S = 30.0
-"""What an exposure may take beyond its limit before the watchdog ends it."""
+"""Time that an exposure may take beyond its limit before the watchdog ends it."""
 
 
 class SerialShutter:
-    """Holds a line, or has a box hold it, while the exposure lasts.
+    """Holds a line, or makes a box hold it, while the exposure lasts.
 
     Without feedback the shutter counts as open, or closed, a lag and four jitters of [trigger]
-    after the command. With it, as open when the feedback says so, and as closed a lag and four
-    jitters after it said so: a flash contact opens when the blades start to close.
+    after the command. With feedback it counts as open when the feedback says so, and as closed a
+    lag and four jitters after that: a flash contact opens when the blades start to close.
     """
 
     maturity = "experimental"
@@ -86,7 +86,7 @@ class SerialShutter:
         if self._port is not None:
             try:
                 self.close()
-            except DeviceLost:  # gone since; perhaps it is back under its name
+            except DeviceLost:  # unplugged since; perhaps it is back under its name
                 self._drop()
         if self._port is None:
             self._open_port()
@@ -103,22 +103,23 @@ class SerialShutter:
         }
 
     def expect_exposure(self, exposure_s: float, longest_s: float) -> None:
-        """Let the watchdog end the next exposure by then, not only at the limit of all."""
+        """Let the watchdog end the next exposure after `longest_s`, not only at the overall limit.
+        """
         self._longest_s = min(longest_s, self._limit_s)
 
     def open(self) -> int:
         """Start the exposure; the watchdog is armed first.
 
         Raises DeviceLost, and ExposureError when the box or the feedback does not confirm, or when
-        the watchdog's time was over before the command was sent: the daemon had been stopped. The
-        line is then released again.
+        the watchdog's time was over before the command was sent, as the daemon had been stopped.
+        The line is then released again.
         """
         port, watchdog = self._port, self._watchdog
         if port is None or watchdog is None:
             raise DeviceLost("the port is not open", device="shutter", hint="connect first")
         longest_s, self._longest_s = self._longest_s, self._limit_s
         watchdog.arm(longest_s)
-        self._open = True  # from here on it may be
+        self._open = True  # from here on it may be open
         try:
             _see_guarded(watchdog)
             port.drive(opened=True)
@@ -134,8 +135,8 @@ class SerialShutter:
     def close(self) -> int:
         """End the exposure. A port that was never opened holds no line.
 
-        Raises DeviceLost, then nothing is known of the shutter; ExposureError when the feedback
-        says that it stays open, or when the watchdog had to end the exposure.
+        Raises DeviceLost: the state of the shutter is then unknown. Raises ExposureError when the
+        feedback says that it stays open, or when the watchdog had to end the exposure.
         """
         port, watchdog = self._port, self._watchdog
         if port is None or watchdog is None:
@@ -197,7 +198,7 @@ class SerialShutter:
         return sure_ns
 
     def _wait_for(self, port: Port, *, opened: bool) -> int:
-        """Return the time at which the feedback is as wanted."""
+        """Wait until the feedback says `opened`; return the time at which it did."""
         until_ns = self._clock.now_ns() + round(self._options.answer_s * 1e9)
         while port.shutter_is_open() != opened:
             self._patience.look()
@@ -215,7 +216,7 @@ class SerialShutter:
 
 
 def _see_guarded(watchdog: Watchdog) -> None:
-    """Raise ExposureError where the watchdog's time is over."""
+    """Raise ExposureError when the watchdog's time is over."""
     if ended := watchdog.ended():
         raise ExposureError(
             f"the shutter was not opened in the time that the watchdog has for it: {ended}",
@@ -225,8 +226,8 @@ def _see_guarded(watchdog: Watchdog) -> None:
 
 
 def _close_forgotten(port: Port, alarm: Alarm) -> None:
-    """Close the shutter of a driver that nobody holds any more, at the interpreter's end too: on
-    ports that no guardian can hold."""
+    """Close the shutter of a driver that is no longer referenced, also when the interpreter ends.
+    For ports that no guardian can hold."""
     alarm.stop()
     try:
         port.drive(opened=False)

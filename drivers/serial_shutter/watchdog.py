@@ -1,8 +1,8 @@
-"""Who releases the shutter line when the driver does not get to it.
+"""What releases the shutter line when the driver cannot.
 
 A port of this machine gets a `Guardian`: a process that outlives the daemon and shares no lock with
 it. A port without a file descriptor (rfc2217 and the like) cannot be handed to another process and
-gets an `Alarm`: a thread, which helps against a daemon that is stuck, not against one that is gone.
+gets an `Alarm`: a thread, which helps when the daemon is stuck, but not when it is gone.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from .guardian import AGAIN_S, release_shutter
 logger = logging.getLogger(__name__)
 
 _ANSWER_S = 5.0
-"""Bound of the guardian's start and of each of its answers; both take milliseconds."""
+"""Longest time for the guardian's start and for each answer; both take milliseconds."""
 
 SERIAL_GUARDIAN = (sys.executable, "-I", "-S", str(Path(__file__).with_name("guardian.py")))
 
 
 class Watchdog(Protocol):
-    """Ends an exposure that nobody else ends."""
+    """Ends an exposure that nothing else ends."""
 
     def arm(self, limit_s: float) -> None:
-        """Release the shutter in `limit_s` seconds. Raises DeviceLost if nobody will."""
+        """Release the shutter in `limit_s` seconds. Raises DeviceLost if that cannot be ensured."""
         ...
 
     def ended(self) -> str:
-        """Why the watchdog has ended the exposure that it is armed for, "" if it has not."""
+        """Why the watchdog ended the exposure for which it is armed; "" if it did not."""
         ...
 
     def disarm(self) -> str:
-        """Stand down; returns, once, why the watchdog ended the exposure, "" if it did not."""
+        """Stand down. Returns why the watchdog ended the exposure, "" if it did not; only once."""
         ...
 
     def stop(self) -> None:
@@ -85,7 +85,7 @@ class Guardian:
         return self._why(state) or self._ended
 
     def disarm(self) -> str:
-        """As the Protocol says; a guardian that died has done nothing."""
+        """As the Protocol says; a guardian that died counts as one that ended nothing."""
         why = self._why(self._guard.disarm())
         ended, self._ended = self._ended, ""
         return why or ended
@@ -95,14 +95,14 @@ class Guardian:
         self._guard.stop()
 
     def _why(self, state: bytes) -> str:
-        """In words, "" where it has not ended the exposure."""
+        """The guardian's answer in words; "" if it did not end the exposure."""
         if state == b"silent":
             return f"nothing was heard of the daemon for {FROZEN_S:g} s"
         return f"it lasted {self._limit_s:g} s" if state in (b"fired", b"lost") else ""
 
 
 class Alarm:
-    """A thread that calls `release_shutter` when the time is up, until it is told to stand down."""
+    """A thread that calls `release` when the time is up, until it is told to stand down."""
 
     def __init__(self, release: Callable[[], None]) -> None:
         self._release = release
