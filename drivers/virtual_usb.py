@@ -44,9 +44,9 @@ def make_usb_error(code: LibusbCode) -> usb.core.USBError:
 
 
 def make_string_descriptor(index: int, texts: tuple[str, ...]) -> bytes:
-    """A string descriptor; index 0 has the languages, those after it the texts in order.
+    """A string descriptor: index 0 gives the languages, the indices after it the texts in order.
 
-    Raises USBError, a halt of the pipe, where there is none.
+    Raises USBError (pipe halted) for an index that does not exist.
     """
     if index == 0:
         return struct.pack("<BBH", 4, STRING_DESCRIPTOR, _ENGLISH)
@@ -57,6 +57,6 @@ def make_string_descriptor(index: int, texts: tuple[str, ...]) -> bytes:
 
 
 def require_first(*indices: int) -> None:
-    """There is one of each: pyusb counts up until it meets an IndexError."""
+    """Raise IndexError unless all are 0: there is one of each, and pyusb counts up until then."""
     if any(indices):
         raise IndexError(indices)

@@ -84,7 +84,7 @@ class X11Display:
         )
 
     def _mask_lag_s(self, ready: Ready) -> float | None:
-        """Measured phase and configured skews of the mask against the projector, delay included."""
+        """Lag of the mask behind the projector: measured phase, configured skews and delay."""
         if ready.lag_s is None:
             return None
         config = self._config
@@ -106,7 +106,7 @@ class X11Display:
             self._presenter.black()
 
     def show(self, frames: Frames) -> None:
-        """Hold the first refresh."""
+        """Show the first refresh, and hold it."""
         self.load(frames)
         self._running().show(0)
 
@@ -170,7 +170,7 @@ class X11Display:
         return build_frame_log(primal, dual, log, ready, self._config.display.starts)
 
     def _recorder(self) -> Recorder | None:
-        """What keeps the pictures of an exposure, with option `grab_px`."""
+        """The recorder of an exposure's pictures, with option `grab_px`."""
         self._shared.pixels = None
         sizes_px = self._config.projector.size_px, self._config.mask.size_px
         return Recorder(*sizes_px) if self._open.options.grab_px else None
@@ -183,7 +183,7 @@ class X11Display:
 
 
 def has_several_codes(frames: Frames) -> bool:
-    """Whether a refresh that lasts too long makes codes unequal: not where there is one only."""
+    """Whether a refresh that lasts too long makes codes unequal: not if there is only one code."""
     lit = frames.dual_index != BLACK
     shift = np.where(frames.dual_index >= 0, frames.shift, 0)
     codes = np.stack([frames.primal_index, frames.dual_index, shift], axis=1)[lit]
@@ -191,7 +191,7 @@ def has_several_codes(frames: Frames) -> bool:
 
 
 def _pictures(rows: RowNumbers, planes: int) -> RowNumbers:
-    """Rows as refreshes of so many planes, (refreshes, planes), the last filled up by black."""
+    """Rows as refreshes of `planes` planes, (refreshes, planes); black fills up the last one."""
     count = -(-rows.size // planes)
     found = np.full(count * planes, BLACK, dtype=np.int32)
     found[: rows.size] = rows
@@ -207,11 +207,11 @@ def build_frame_log(
 ) -> FrameLog:
     """The frame log of one pass.
 
-    A row that came late had the one before it on the panels meanwhile; a picture of 24 planes is
-    then shown again, each plane for its part of the refresh. Both panels are taken to begin a row
-    at the vblank that the source reports: which of two outputs is first is not known to it, and
+    While a row was late, the panels still showed the one before it; a picture of 24 planes is then
+    shown again, each plane for its part of the refresh. Both panels are taken to begin a row at the
+    vblank that the source reports. The source does not know which of two outputs is first: that
     belongs in the panels' phase and skew. `plane_starts` says when the planes of a picture begin,
-    as shares of a refresh.
+    as fractions of a refresh.
     """
     planes = len(plane_starts)
     ns = log[:, Column.NS]
@@ -228,7 +228,7 @@ def build_frame_log(
         period_ns = 1e9 / ready.refresh_hz
         offsets_ns = (turn[:, None] + np.array(plane_starts)) * period_ns
         starts = (starts[number][:, None] + np.rint(offsets_ns).astype(np.int64)).ravel()
-        # Stamps of a vblank jitter where there is no screen: planes never run backwards.
+        # Vblank times jitter if there is no screen: planes must never run backwards.
         starts = np.maximum.accumulate(starts)
         first = np.zeros((number.size, planes), dtype=np.int32)
         first[:, 0] = np.where(turn == 0, missed[number], 0)

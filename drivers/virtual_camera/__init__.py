@@ -1,7 +1,7 @@
 """A camera that is not there: a Canon EOS 450D as seen over PTP, on the USB or on a network.
 
 `CameraBody` is the camera, `VirtualUsb` puts it on a pyusb backend, `drivers.virtual_camera.ptpip`
-on TCP. What goes wrong with it is told by a `FaultScript`.
+on TCP. A `FaultScript` says what goes wrong with it.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ def make_bench_backend(
 ) -> VirtualUsb:
     """A pyusb backend with a camera that photographs the mock bench of this context.
 
-    It offers those of its ISOs that the bench's sensor profile has, and a lens from f/1 to f/45
-    where `[camera] f_number` is auto or a stop of that lens; else one that tells no aperture.
+    It offers those of its ISOs that the bench's sensor profile has. Its lens goes from f/1 to f/45
+    if `[camera] f_number` is auto or a stop of that lens; otherwise it reports no aperture.
     """
     film = BenchFilm(context)
     isos = tuple(code for code in model.isos if ISO_CODES.get(code, 0) in (0, *film.isos))
@@ -62,7 +62,7 @@ def make_bench_backend(
     shared, on_mock = context.shared, context.config.display.driver == "mock"
 
     def shows() -> bool:
-        """Whether other panels still show what a shutter that moves is to see."""
+        """Whether panels other than the mock's are still showing during a moving shutter."""
         nothing = shared.played is None and shared.exposed_ns is None
         return shared.moving and nothing and not on_mock
 
@@ -72,7 +72,7 @@ def make_bench_backend(
 
 
 class BenchUsb:
-    """The USB that is called "virtual": with a camera on it that photographs the mock bench."""
+    """The USB called "virtual": on it is a camera that photographs the mock bench."""
 
     maturity = "stable"
 

@@ -4,18 +4,18 @@ It has no connection of its own: `drivers.virtual_camera.usb_backend` and
 `drivers.virtual_camera.ptpip` bring operations in and answers out. Time comes from the injected
 clock alone.
 
-Modelled: session; remote and event mode; the property list told once a session; settings checked
-against the camera's own lists; destination, room on the computer and the memory that stays full
-until a transfer is said to be complete; bulb by BulbStart/End or RemoteReleaseOn/Off, timed
+Modelled: session; remote and event mode; the property list, sent once a session; settings checked
+against the camera's own lists; destination, room on the computer, and memory that stays full until
+the client reports a transfer as complete; bulb by BulbStart/End or RemoteReleaseOn/Off, timed
 releases, a cable release; files announced on the card or in memory, whole and partial reads,
 deletion; live view of fifteen pictures a second; the class requests;
 `drivers.virtual_camera.faults`.
 
 Assumed, as no body was at hand: a release with autofocus on, with an empty battery or with the dial
 off M is a GeneralError; a shutter held open stays open when the session, the connection or the
-device is reset, until it is told to close. Not modelled: mirror, focusing and everything else that
-answers OperationNotSupported though the body lists it; checking of transaction ids; the pace of the
-USB; automatic power-off; a full or missing card; settings at their true pace.
+device is reset, until it is told to close. Not modelled: mirror, focusing and all else that answers
+OperationNotSupported although the body lists it; checking of transaction ids; the speed of the USB;
+automatic power-off; a full or missing card; the time that settings take.
 """
 
 from __future__ import annotations
@@ -50,20 +50,20 @@ from .shutter import CameraShutter, FileStore, ShutterFilm
 DATA_OUT = frozenset(
     {Operation.EOS_SET_DEVICE_PROP_VALUE_EX, Operation.SET_DEVICE_PROP_VALUE, 0x100C, 0x100D}
 )
-"""Operations whose data go to the camera; all others send none or receive."""
+"""Operations that send data to the camera; all others receive data or have none."""
 
 _WITHOUT_SESSION = frozenset({Operation.GET_DEVICE_INFO, Operation.OPEN_SESSION})
 _HALF, _FULL = 1, 2
 _NO_FOCUS = 1
 _FINDER_NS = 66_666_667
-"""From one picture of the finder to the next."""
+"""Time between two pictures of live view."""
 
 
 _Handler = Callable[["CameraBody", tuple[int, ...], bytes], CameraReply]
 
 
 class CameraBody:
-    """One camera. Not safe for two threads at once: its transport sees to that."""
+    """One camera. Not safe for two threads at once: its transport must serialize calls."""
 
     def __init__(
         self,
@@ -86,7 +86,7 @@ class CameraBody:
         self.shutter = CameraShutter(clock, film, self.script, self.store, develop)
         self.ui_locked = False
         self.kept_on = 0
-        """How often the client asked to be kept on."""
+        """How often the client asked the camera to stay on."""
         self._finder = finder
         self._finder_due_ns = 0
         self._occasions = Occasions(self.script)
@@ -107,7 +107,7 @@ class CameraBody:
     def transact(
         self, code: int, parameters: tuple[int, ...] = (), data: bytes = b""
     ) -> CameraReply:
-        """Do one operation. Parameters that were left out count as zero."""
+        """Do one operation. Omitted parameters count as zero."""
         fault = self._occasions.meet(code)
         match fault:
             case "unplug":
@@ -131,7 +131,7 @@ class CameraBody:
         return replace(reply, fault=fault)
 
     def forget_session(self) -> None:
-        """Class request 66, or a connection that went: session and modes are gone.
+        """Class request 66, or a lost connection: session and modes are gone.
 
         Files in memory stay, and so does an open shutter.
         """
@@ -144,7 +144,7 @@ class CameraBody:
         """Class request 67: what the camera is doing, as a response code."""
         return ResponseCode.OK
 
-    # What stands beside the camera
+    # Cable release and USB cable
 
     def press(self) -> None:
         """The cable release is pressed home: the shutter opens if the camera is ready for it."""
@@ -161,7 +161,7 @@ class CameraBody:
         self.plugged = False
 
     def replug(self) -> None:
-        """Put it back: the camera knows no session any more."""
+        """Plug the cable in again: the camera has no session any more."""
         self.plugged = True
         self.plugged_again += 1
         self.forget_session()
@@ -201,7 +201,7 @@ class CameraBody:
 
     def _event_mode(self, p: tuple[int, ...], _data: bytes) -> CameraReply:
         self._events = p[0] != 0
-        # Once a session: a camera that tells all again looks like one whose settings all changed.
+        # Once a session: sending all again would look as if all settings had changed.
         if self._events and not self._told_everything:
             self._told_everything = True
             self._queue += self.settings.everything()
@@ -313,7 +313,7 @@ class CameraBody:
         return OK
 
     def _view_finder(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
-        """Blocks of length, type and content, the picture among them, once there is a new one."""
+        """When there is a new picture: blocks of length, type and content, the picture in one."""
         now_ns = self.clock.now_ns()
         if self._finder is None or not self.settings[Property.FINDER_OUTPUT] & FINDER_PC:
             return make_error_reply(ResponseCode.GENERAL_ERROR)
@@ -333,7 +333,7 @@ class CameraBody:
         if not self._remote:
             return ResponseCode.GENERAL_ERROR
         if self._queue or self.shutter.has_news:
-            return ResponseCode.DEVICE_BUSY  # what happened before must be heard first
+            return ResponseCode.DEVICE_BUSY  # the client must fetch earlier events first
         return self._ready()
 
     def _ready(self) -> ResponseCode | None:
@@ -349,7 +349,7 @@ class CameraBody:
 
     @property
     def _out_of_focus(self) -> bool:
-        return self.script.focus is not FocusMode.MANUAL  # in front of a dark bench nothing locks
+        return self.script.focus is not FocusMode.MANUAL  # autofocus finds nothing on a dark bench
 
     def _open(self) -> None:
         settings = self.settings

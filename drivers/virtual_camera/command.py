@@ -14,7 +14,7 @@ from .shutter import ShutterFilm
 
 
 def serve_virtual_camera(port: int, *, scene: str, small: bool, say: Callable[[str], None]) -> None:
-    """Serve until interrupted. `say` is given lines for the user, the port's first of all.
+    """Serve until interrupted. `say` is called with lines for the user, the port's line first.
 
     `scene` is "chart" or a preset of the mock bench. `small` makes files of 192 x 128 samples
     instead of the 450D's 4272 x 2848. Raises ConfigError when there is no such scene, and OSError
@@ -36,5 +36,5 @@ def serve_virtual_camera(port: int, *, scene: str, small: bool, say: Callable[[s
 
 
 def make_real_time_body(film: ShutterFilm, develop: Develop) -> CameraBody:
-    """A 450D for clients that wait for their answers: files are made by `develop`."""
+    """A 450D for clients in real time; `develop` makes its files."""
     return CameraBody(RealClock(), film, develop=develop, finder=make_chart_finder())

@@ -1,7 +1,7 @@
-"""What shall go wrong with the virtual camera, told when it is made.
+"""What shall go wrong with the virtual camera, set when it is created.
 
 A script is immutable and names occasions, not times: the n-th call of an operation, the next file.
-So a run with the same script is the same run.
+So runs with the same script are identical.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _FileKind = Literal["normal", "none", "late", "twice", "truncated"]
 class ScriptedFault:
     """`kind` happens at the calls `first` to `first + times - 1` (from 1) of an operation.
 
-    Calls are counted from when the camera was made, those of faulty ones included.
+    Calls are counted from the creation of the camera; calls that met a fault count too.
     """
 
     kind: WireKind
@@ -43,7 +43,7 @@ class ScriptedFault:
 
 @dataclass(frozen=True)
 class FaultScript:
-    """Everything that is wrong with a camera; the default is a sound one, set for bulb.
+    """Everything that is wrong with a camera; the default is a faultless one, set for bulb.
 
     wire
         Faults of the connection.
@@ -57,7 +57,7 @@ class FaultScript:
     long_exposure_nr
         A second, dark exposure follows each; the camera is busy meanwhile.
     buffer_full
-        No shots are left, whatever the computer says of its room.
+        No shots are left, whatever room the computer reports.
     """
 
     wire: tuple[ScriptedFault, ...] = ()
@@ -71,7 +71,7 @@ class FaultScript:
 
 
 class Occasions:
-    """Counts calls and says which fault, if any, this one meets."""
+    """Counts calls and says which fault, if any, applies to the current one."""
 
     def __init__(self, script: FaultScript) -> None:
         self._script = script

@@ -28,7 +28,7 @@ SENSOR_450D = (2848, 4272)
 class BenchFilm:
     """The scene of the mock bench, through the shutter lag of [trigger] and the sensor of [camera].
 
-    A lens that does not tell its aperture stands at `[camera] f_number`, or f/8 where that is auto.
+    A lens that reports no aperture is taken to be at `[camera] f_number`, or f/8 if that is auto.
     """
 
     def __init__(self, context: DriverContext) -> None:
@@ -42,11 +42,11 @@ class BenchFilm:
 
     @property
     def isos(self) -> tuple[int, ...]:
-        """What the bench's sensor profile has."""
+        """The ISOs of the bench's sensor profile."""
         return self._sensor.profile.isos
 
     def make_finder_jpeg(self) -> bytes:
-        """What the finder shows of the bench now."""
+        """The live view picture of the bench now, as JPEG."""
         return encode_jpeg(self._sensor.finder(self._fixed_f_number))
 
     def open(self, asked_ns: int) -> int:
@@ -62,7 +62,7 @@ class BenchFilm:
         return close_ns
 
     def make_raw(self, exposure: CameraExposure) -> bytes:
-        """The bench's DNG; the body names it .CR2, which no reader of RAW files minds."""
+        """The bench's DNG; the body names it .CR2, which readers of RAW files accept."""
         return self._sensor.dng(exposure.iso, exposure.f_number or self._fixed_f_number)
 
 
@@ -81,7 +81,7 @@ class PlainFilm:
         return asked_ns
 
     def make_raw(self, exposure: CameraExposure) -> bytes:
-        """What the function makes of it."""
+        """The file that the function makes of the exposure."""
         return self._make_raw(exposure)
 
 
@@ -99,7 +99,7 @@ def make_chart_film(shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -> Plai
 
 
 def make_chart_finder() -> Callable[[], bytes]:
-    """What makes pictures of live view of that chart: sixteen grey steps, left to right."""
+    """A function that makes live view pictures of that chart: sixteen grey steps, left to right."""
     steps = np.repeat(np.arange(16, dtype=np.uint8) * 17, 30)
     jpeg = encode_jpeg(np.tile(steps, (320, 1)))
     return lambda: jpeg
@@ -120,10 +120,10 @@ def make_scene_film(kind: str, shape: tuple[int, int] = SENSOR_450D) -> PlainFil
 
 
 def _lit_film(electrons_per_s: NDArray[np.float64], seed: int) -> PlainFilm:
-    """Film under light that gathers so many electrons in each sample, in a second at f/8.
+    """Film under light that gathers `electrons_per_s` in each sample, in a second at f/8.
 
-    Noise is drawn before the first photo and moved about from one to the next: gphoto2 waits no
-    more than 3 s for a file after a bulb exposure, which on a busy machine drawing alone takes.
+    Noise is drawn before the first photo and shifted from one photo to the next: gphoto2 waits at
+    most 3 s for a file after a bulb exposure, and on a busy machine the drawing alone takes 3 s.
     """
     profile = load_profile("450d")
     rng = np.random.default_rng([seed, 3])
@@ -131,7 +131,7 @@ def _lit_film(electrons_per_s: NDArray[np.float64], seed: int) -> PlainFilm:
     unit = rng.standard_normal(rate.size, dtype=np.float32)
 
     def samples(exposure: CameraExposure, seconds: float, f_number: float) -> NDArray[np.uint16]:
-        """As `pdcd.sensor.profile.expose_sensor` has it, but photons are counted as Gaussian."""
+        """Like `pdcd.sensor.profile.expose_sensor`, but with Gaussian shot noise."""
         row = profile.row(exposure.iso)
         light = rate * np.float32(seconds * 64.0 / f_number**2)
         steady = profile.dark_e_per_s * seconds + row.read_noise_e**2

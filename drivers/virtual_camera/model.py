@@ -1,4 +1,4 @@
-"""What a Canon EOS 450D says of itself, and the two other kinds of EOS body a client must know.
+"""What a Canon EOS 450D reports of itself, and two other kinds of EOS body a client must know.
 
 The lists of operations, events and formats are those that a real 450D with firmware 1.0.4 gave, as
 recorded by the libgphoto2 project. The lists of settings are those of Canon's manual in the codes
@@ -50,7 +50,7 @@ EOS_450D = DeviceInfo(
 
 @dataclass(frozen=True)
 class CameraModel:
-    """One kind of body: what it says of itself and which settings it offers (codes)."""
+    """One kind of body: what it reports of itself and which settings it offers (codes)."""
 
     info: DeviceInfo
     isos: tuple[int, ...] = (0x00, 0x48, 0x50, 0x58, 0x60, 0x68)  # auto, 100 to 1600: no 50

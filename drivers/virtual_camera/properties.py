@@ -1,4 +1,4 @@
-"""The virtual camera's settings: values, the lists they come from, and who was told of them."""
+"""The virtual camera's settings: their values, and the lists of allowed values."""
 
 from __future__ import annotations
 
@@ -76,19 +76,19 @@ class Properties:
         return prop in self._values or prop in self._packed
 
     def record(self, prop: int) -> EosRecord:
-        """The record that tells the value of a property."""
+        """The record that reports the value of a property."""
         if prop in self._packed:
             return PropValue(prop, self._packed[prop])
         return PropValue.of(prop, self._values[prop])
 
     def everything(self) -> list[EosRecord]:
-        """All values and all lists, as a body tells them once a session."""
+        """All values and all lists, as a body reports them once a session."""
         records: list[EosRecord] = [self.record(prop) for prop in self.numbers]
         records += [AvailList(prop, values) for prop, values in self.lists.items()]
         return [*records, AvailList(Property.IMAGE_FORMAT, (), self._model.image_formats)]
 
     def put(self, prop: int, data: bytes) -> bool:
-        """Set a property as a client does; False when it does not offer that value."""
+        """Set a property as a client does; False when the value is not on offer."""
         if prop == Property.IMAGE_FORMAT:
             if data not in self._model.image_formats:
                 return False
@@ -103,7 +103,7 @@ class Properties:
         return True
 
     def count_shots(self, *, pc_has_room: bool, in_ram: int) -> bool:
-        """Count anew the shots there is room for; True when the number changed."""
+        """Recount the shots that there is room for; True when the number changed."""
         if self._script.buffer_full:
             shots = 0
         elif self._values[Property.CAPTURE_DESTINATION] != DESTINATION_RAM:

@@ -4,8 +4,8 @@ Packets are a u32 length (of the whole), a u32 type, and a body, all little-endi
 one connection for operations and one for events, to the same port. One client at a time has the
 camera; the body is not safe for two threads, so each operation holds a lock.
 
-Of the scripted faults of the wire, a stall is no matter for TCP: the answer simply goes out. "mute"
-and "deaf" send nothing, "unplug" closes the connections, "short-read" ends the data early.
+Scripted faults of the wire: a stall means nothing on TCP, so the answer simply goes out; "mute" and
+"deaf" send nothing; "unplug" closes the connections; "short-read" ends the data early.
 Not modelled: the pairing that Canon's network bodies ask for, discovery, events (EOS bodies are
 asked for theirs).
 """
@@ -41,7 +41,7 @@ _REJECTED = 1
 
 
 class Packet(IntEnum):
-    """What a PTP/IP packet is."""
+    """Types of PTP/IP packets."""
 
     INIT_COMMAND = 1
     INIT_COMMAND_ACK = 2
@@ -114,7 +114,7 @@ class _Tcp(socketserver.ThreadingTCPServer):
 def _end(connection: socket.socket) -> None:
     try:
         connection.shutdown(socket.SHUT_RDWR)
-    except OSError as err:  # the other side was quicker
+    except OSError as err:  # the other side closed it first
         logger.debug("connection was gone reason=%s", err)
 
 
@@ -124,10 +124,10 @@ class _Connection(socketserver.BaseRequestHandler):
     server: _Tcp
     request: socket.socket
     _commands = False
-    """Whether it is the one for operations."""
+    """Whether this is the connection for operations."""
 
     def handle(self) -> None:
-        """Serve packets until the client goes, or sends what is none."""
+        """Serve packets until the client goes, or sends something that is not a packet."""
         self.request.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
             with self.server.listed(self.request):

@@ -12,7 +12,7 @@ from .faults import WireKind
 class CameraReply:
     """An answer: response code, parameters, and the data phase (None: there is none).
 
-    `fault` is for the transport: what to do to the answer on its way, as the script has it.
+    `fault` is for the transport: the script's fault to apply to the answer on its way.
     """
 
     code: int = ResponseCode.OK

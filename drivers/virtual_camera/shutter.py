@@ -1,4 +1,4 @@
-"""The virtual camera's shutter and memory: exposures, the files they make, and who was told."""
+"""The virtual camera's shutter and memory: exposures, their files, and the records about them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _REMEMBERED = 16
 class CameraExposure:
     """When the shutter was open, in ns of the injected clock, and the settings it was taken with.
 
-    `f_number` is None for a lens that does not tell.
+    `f_number` is None for a lens that does not report it.
     """
 
     open_ns: int
@@ -47,11 +47,11 @@ class ShutterFilm(Protocol):
     """What lies behind the shutter: the mock bench, or a scene of its own."""
 
     def open(self, asked_ns: int) -> int:
-        """The shutter is told to open; returns when it really does."""
+        """Tell the shutter to open; returns the time, in ns, at which it really opens."""
         ...
 
     def close(self, asked_ns: int) -> int:
-        """The shutter is told to close; returns when it really does."""
+        """Tell the shutter to close; returns the time, in ns, at which it really closes."""
         ...
 
     def make_raw(self, exposure: CameraExposure) -> bytes:
@@ -61,7 +61,7 @@ class ShutterFilm(Protocol):
 
 @dataclass
 class _Stored:
-    """One file: its bytes, what the camera says of it, and whether it lies on the card."""
+    """One file: its bytes, what the camera says of it, and whether it is on the card."""
 
     data: bytes
     info: ObjectInfo
@@ -122,7 +122,7 @@ class FileStore:
 class CameraShutter:
     """Opens, closes, and announces the file when it is there.
 
-    `opened` counts exposures ever begun: what a client that repeats itself would raise by two.
+    `opened` counts all exposures begun: a client that sends a release twice raises it by two.
     """
 
     def __init__(
@@ -178,7 +178,7 @@ class CameraShutter:
         self._end(self._clock.now_ns())
 
     def records(self) -> list[EosRecord]:
-        """What there is to tell by now, each record once."""
+        """The records that are due by now, each once."""
         self._settle()
         self._collect()
         now_ns = self._clock.now_ns()
@@ -193,7 +193,7 @@ class CameraShutter:
 
     @property
     def has_news(self) -> bool:
-        """Whether a file waits to be told of."""
+        """Whether the announcement of a file is due."""
         self._collect()
         now_ns = self._clock.now_ns()
         return any(due_ns <= now_ns for due_ns, _ in self._due)
@@ -216,14 +216,14 @@ class CameraShutter:
         self._collect()
 
     def _collect(self) -> None:
-        """Take in the file of the last exposure, when it is made; it may be announced then."""
+        """Take in the file of the last exposure once it is made, so that it can be announced."""
         made = self._making
         if made is None or not made.done():
             return
         self._making = None
         try:
             data = made.result()
-        # Of the film's own faults there is no end; the camera goes on, without that photo.
+        # A film may raise anything; the camera goes on, without that photo.
         except Exception as err:
             logger.error("no file was made error=%s: %s", type(err).__name__, err)
             return

@@ -1,8 +1,8 @@
 """The virtual camera on the USB: a pyusb backend that real pyusb code drives unchanged.
 
 Give it to ``usb.core.find(backend=...)``. Errors are those that libusb raises, with its codes and
-errno. Bulk reads end as USB has it: when the buffer is full or by a short packet, an empty one
-where the transfer is a whole number of packets. Bytes are copied once, from the file to the
+errno. Bulk reads end as on a real USB: when the buffer is full, or at a short packet, which is
+empty if the transfer is a whole number of packets. Bytes are copied once, from the file to the
 caller's buffer.
 
 Not modelled: the speed of the USB, packets on their own, isochronous transfers, hubs, power.
@@ -72,7 +72,7 @@ class _Transfer:
 
 
 class _Handle:
-    """An opened device; of no use once the device has come back under another address."""
+    """An opened device; useless once the device has come back under another address."""
 
     def __init__(self, address: int) -> None:
         self.address = address
@@ -81,7 +81,7 @@ class _Handle:
 class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no types
     """A USB with one camera on it. Its methods are those that pyusb documents of a backend.
 
-    `held_by_other` set, another program holds the interface: claims end in EBUSY.
+    With `held_by_other` set, another program holds the interface: claims fail with EBUSY.
     """
 
     def __init__(self, body: CameraBody) -> None:
@@ -100,7 +100,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
 
     @property
     def address(self) -> int:
-        """Of the camera on its bus; another one each time it comes back."""
+        """The camera's address on its bus; it changes each time the camera comes back."""
         return _FIRST_ADDRESS + self._resets + self.body.plugged_again
 
     # What the device says of itself
@@ -110,7 +110,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         return iter([SimpleNamespace(address=self.address)] if self.body.plugged else [])
 
     def get_parent(self, _dev: Any) -> None:
-        """None: the camera hangs on the root."""
+        """None: the camera is on the root hub."""
         return
 
     def get_device_descriptor(self, dev: Any) -> Any:
@@ -162,7 +162,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         return handle
 
     def close_device(self, dev_handle: _Handle) -> None:
-        """Close; what was claimed is free again."""
+        """Close, and release what was claimed."""
         if self._claimed_by is dev_handle:
             self._claimed_by = None
 
@@ -184,7 +184,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         self._alive(dev_handle)
         holder = self._claimed_by
         if holder is not None and holder.address != self.address:
-            holder = None  # it went with the device that it opened
+            holder = None  # the claim ended with the device that it was on
             self._forget()
         if self.held_by_other or holder not in (None, dev_handle):
             raise make_usb_error(LibusbCode.BUSY)
@@ -227,7 +227,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
     def bulk_write(
         self, dev_handle: _Handle, ep: int, _intf: int, data: array.array[int], timeout: int
     ) -> int:
-        """Take bytes from the computer; a container that is complete is answered at once."""
+        """Take bytes from the computer; a complete container is answered at once."""
         with self._transfer(dev_handle, ep):
             view = memoryview(data).cast("B")
             try:
@@ -260,7 +260,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
     def intr_read(
         self, dev_handle: _Handle, ep: int, _intf: int, buff: array.array[int], timeout: int
     ) -> int:
-        """A time-out: EOS bodies tell nothing here that `GetEvent` does not."""
+        """Time out: EOS bodies send nothing here that `GetEvent` does not report."""
         with self._transfer(dev_handle, ep):
             self._wait(timeout)
             raise make_usb_error(LibusbCode.TIMEOUT)
@@ -354,11 +354,11 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         if halted:
             self._halted.clear()
 
-    # Conditions
+    # Checks
 
     @contextmanager
     def _transfer(self, handle: _Handle, ep: int) -> Iterator[None]:
-        """One transfer at a time, on a device that is there, claimed and not halted."""
+        """Allow one transfer at a time, on a device that is there, claimed and not halted."""
         self._alive(handle)
         if self._claimed_by is not handle:
             raise make_usb_error(LibusbCode.IO)
