@@ -1,7 +1,7 @@
 """DMD controllers that are not there: DLPC900s as seen over USB, down to the bytes.
 
 `VirtualDlpc900` is one of them, `VirtualDmdBus` puts several on a pyusb backend, `make_bench_bus`
-has two in front of the mock bench. What goes wrong is told by `VirtualDmdFault`.
+has two in front of the mock bench. `VirtualDmdFault` says what goes wrong.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ __all__ = [
 
 
 class BenchDmdUsb:
-    """The USB that is called "virtual-dlpc900": projector and mask of the mock bench are on it."""
+    """The USB called "virtual-dlpc900": projector and mask of the mock bench are on it."""
 
     maturity = "experimental"
 

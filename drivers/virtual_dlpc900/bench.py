@@ -2,8 +2,8 @@
 
 The projector and the mask of a configuration are two devices on one USB, told apart by their serial
 numbers. The camera's line says when the shutter of the bench is open, and is wired to TRIG_IN_1 of
-both. Photos are made of the planes that stood, and of when; what a driver says of that is not
-looked at.
+both. Photos are computed from the planes that really stood, and when; what a driver reports about
+that is ignored.
 """
 
 from __future__ import annotations
@@ -39,9 +39,8 @@ def make_bench_bus(
 ) -> VirtualDmdBus[VirtualDlpc900]:
     """A pyusb backend with the projector and the mask of this rig's mock bench, in that order.
 
-    Where no options are given, they answer triggers as `phase_s` and `jitter_s` of the bench's
-    truth say; what `skew_s` says comes on top, as of all its panels. Raises ConfigError for a bench
-    that cannot be.
+    Without options, they answer triggers as `phase_s` and `jitter_s` of the bench's truth say; its
+    `skew_s` is added, as for all its panels. Raises ConfigError for an impossible bench.
     """
     bench, config = MockBench.of(context), context.config
     devices = []
@@ -59,7 +58,7 @@ def make_bench_bus(
 
 
 class DmdPanels:
-    """Both devices, as the bench wants panels that are not its own."""
+    """Both devices, with the interface that the bench expects of panels that are not its own."""
 
     def __init__(self, bench: MockBench, projector: VirtualDlpc900, mask: VirtualDlpc900) -> None:
         self._devices = projector, mask
@@ -74,13 +73,13 @@ class DmdPanels:
         self._held: tuple[list[PlayedContent], Frames | None] | None = None
 
     def expose(self, *, active: bool, at_ns: int) -> None:
-        """The camera's line, which starts both."""
+        """Set the camera's line, which starts both."""
         for device in self._devices:
             device.drive_line(1, active, at_ns)
 
     def show_between(self, open_ns: int, close_ns: int) -> tuple[Frames, FrameLog]:
-        """What stood while the shutter was open, and before and after as far as that is still seen,
-        or already: a row for each change of either panel."""
+        """What stood while the shutter was open, one row for each change of either panel. Includes
+        times before and after, as far as rise, fall and skew make them visible."""
         low_ns, high_ns = open_ns - self._before_ns, close_ns + self._after_ns
         sides = [_drop_black(device.list_changes(low_ns, high_ns)) for device in self._devices]
         count = max(map(len, sides))
@@ -94,8 +93,8 @@ class DmdPanels:
         return frames, log
 
     def find_standing(self) -> Frames | None:
-        """What stands now, in one row; None where that is black. The very same as long as nothing
-        changes."""
+        """What stands now, in one row; None if that is black. Returns the same object as long as
+        nothing changes."""
         contents = [device.find_content() for device in self._devices]
         if self._held is None or self._held[0] != contents:
             lit = any(content is not None for content in contents)
@@ -104,13 +103,13 @@ class DmdPanels:
         return self._held[1]
 
     def count_pulses(self, side: int, low_ns: int, high_ns: int) -> int:
-        """At TRIG_OUT_2, which the bench's camera may count."""
+        """Count pulses at TRIG_OUT_2, as the bench's camera may."""
         pulses = self._devices[side].list_pulses(2, low_ns, high_ns)
         return sum(low_ns <= rise_ns < high_ns for rise_ns, _ in pulses)
 
     def _make_frames(self, sides: Sequence[Sequence[PlayedContent]], count: int) -> Frames:
-        """Frames of cells, where all that was shown are cells of the bench's grid as they are drawn
-        on these panels; else of the panels' own pixels."""
+        """Frames of cells if everything shown consists of whole cells of the bench's grid, as drawn
+        on these panels; otherwise frames of the panels' own pixels."""
         numbered = [_number_planes(side, count) for side in sides]
         cells = [
             _read_cells(planes, view, self._grid)
@@ -137,7 +136,7 @@ class DmdPanels:
 
 
 def _drop_black(changes: _Changes) -> _Changes:
-    """Panels are black before what is first shown."""
+    """Drop the changes before the first lit one: panels start out black."""
     lit = (place for place, (_, content) in enumerate(changes) if content is not None)
     return changes[next(lit, len(changes)) :]
 
@@ -145,7 +144,7 @@ def _drop_black(changes: _Changes) -> _Changes:
 def _number_planes(
     contents: Sequence[PlayedContent], count: int
 ) -> tuple[list[PlayedPlane], NDArray[np.int32]]:
-    """Distinct planes, and which of them each row shows, (count,); rows without any are black."""
+    """Distinct planes, and the plane that each row shows, (count,); rows without one are BLACK."""
     known: dict[tuple[int, int], int] = {}
     planes: list[PlayedPlane] = []
     index = np.full(count, BLACK, dtype=np.int32)
@@ -161,8 +160,8 @@ def _number_planes(
 def _read_cells(
     planes: Sequence[PlayedPlane], view: PanelView, grid: tuple[int, int]
 ) -> NDArray[np.uint8] | None:
-    """Planes as packed patterns over cells, (P, ceil(N / 8)); None where one shows anything else
-    than whole cells."""
+    """Planes as packed patterns over cells, (P, ceil(N / 8)); None if any of them shows anything
+    other than whole cells."""
     count = grid[0] * grid[1]
     atom = find_atoms(view, grid)
     cell = np.where(atom[..., 0] < 0, count, (atom[..., 1] >> 2) * grid[1] + (atom[..., 0] >> 2))
@@ -192,7 +191,7 @@ def _read_pixels(planes: Sequence[PlayedPlane]) -> NDArray[np.uint8]:
 
 
 def _pack(shown: Sequence[NDArray[np.integer[Any]]], count: int) -> NDArray[np.uint8]:
-    """Pack the lowest bits of what each plane shows."""
+    """Pack the lowest bit of each value, plane by plane."""
     if not shown:
         return np.zeros((0, -(-count // 8)), dtype=np.uint8)
     return np.stack([np.packbits((values & 1).astype(np.uint8)) for values in shown])

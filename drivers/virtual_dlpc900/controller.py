@@ -44,7 +44,7 @@ _NORMAL, _STANDBY, _RESET = range(3)
 _STOP, _PAUSE, _START = range(3)
 _BOOT_NS = 3_000_000_000
 _LOCKING_NS = 300_000_000
-"""From the order for video-pattern mode until it is there."""
+"""Time from the command for video-pattern mode until the mode is on."""
 _IDLE_US = 105
 _TEXT_BYTES = 60
 _VERSION = struct.pack("<HBB", 0, 0, 6) * 4
@@ -52,7 +52,7 @@ _TAG = b"virtual"
 
 
 class _Command(NamedTuple):
-    """What is done with one command; `length` of its data, None for any."""
+    """How one command is handled. `length` is that of its data; None allows any."""
 
     write: Callable[[VirtualDlpc900, bytes], None] | None = None
     length: int | None = 1
@@ -106,7 +106,7 @@ class VirtualDlpc900(ReportController):
             self.sequencer.start(at_ns, PlayedProgram([shown], [0], [self.memory.startup], 0))
 
     def _answer(self, command: TakenCommand, fault: VirtualDmdFault | None) -> bytes:
-        """Do it, and say how that went."""
+        """Do a command, and return the outcome."""
         now_ns = self.clock.now_ns()
         self.sequencer.settle(now_ns)
         if self._locks_ns is not None and now_ns >= self._locks_ns:
@@ -259,12 +259,12 @@ class VirtualDlpc900(ReportController):
     # Lines and the video input
 
     def connect_video(self, refresh_hz: float) -> None:
-        """A signal of so many pictures a second comes from now on; each by `drive_video`."""
+        """Begin a signal of `refresh_hz` pictures a second; `drive_video` brings each of them."""
         with self._lock:
             self._video.connect(refresh_hz)
 
     def disconnect_video(self, at_ns: int) -> None:
-        """It is gone."""
+        """End the signal."""
         with self._lock:
             self._video.disconnect(at_ns, of_patterns=self._mode == _VIDEO_PATTERN)
 
@@ -324,7 +324,7 @@ class VirtualDlpc900(ReportController):
         return bytes([parked | self.sequencer.active << 1 | locked << 3 | locked << 4])
 
     def _read_least_exposures(self) -> bytes:
-        """Of one bit; of more, of which it shows none, nothing is told."""
+        """Least exposure of one bit; zeros for more bits, which are not modelled."""
         return struct.pack("<H", self.model.least_exposure_us).ljust(32, b"\0")
 
     _commands: ClassVar[dict[int, _Command]] = {

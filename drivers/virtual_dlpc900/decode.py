@@ -1,8 +1,8 @@
 """Images as the virtual DLPC900 takes them: a header, then pixels as they are, RLE or ERLE.
 
-A word is a pixel of 24 bits, the first byte of the stream uppermost; which planes these are, the
-device says. What is wrong with a stream is told, and what came before is kept: from there on the
-image stays black.
+A word is a pixel of 24 bits, the first byte of the stream uppermost; the device decides which
+planes these are. A fault of the stream is reported, and the pixels before it are kept: from there
+on the image stays black.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 STORED_HEADER_LENGTH = 48
 _SIGNATURE = b"Spld"
 _ALIGNED = 4
-"""Lines of RLE begin at such places of the stream, and streams may be filled up to one."""
+"""Lines of RLE begin at multiples of this in the stream; streams may be padded to one."""
 _COMPRESSIONS = (0, 1, 2)
 """None, RLE, ERLE."""
 
@@ -25,7 +25,7 @@ DecodedWords = NDArray[np.uint32]
 
 
 class BadHeaderError(Exception):
-    """A header that is refused; `compression` says whether for its compression."""
+    """A header that is refused; `compression` says whether its compression is the reason."""
 
     def __init__(self, found: str, compression: bool = False) -> None:
         super().__init__(found)
@@ -34,8 +34,8 @@ class BadHeaderError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class DecodedImage:
-    """Pixels of an image or of half of one, (height, width) uint32, and what was wrong with its
-    stream; "" where nothing was."""
+    """Pixels of an image or of half of one, (height, width) uint32, and the fault of its stream;
+    "" if there was none."""
 
     words: DecodedWords
     fault: str = ""
@@ -48,7 +48,7 @@ class _StreamError(Exception):
 def decode_image(data: bytes, size_px: tuple[int, int], copies: bool = True) -> DecodedImage:
     """Decode an image of (width, height), header included.
 
-    copies : whether pixels can be copied from the line above; such ones stay black where not.
+    copies : whether pixels can be copied from the line above; if not, those pixels stay black.
 
     Raises BadHeaderError for another size, signature, number of bytes or compression.
     """
@@ -67,7 +67,7 @@ def decode_image(data: bytes, size_px: tuple[int, int], copies: bool = True) -> 
 
 
 def _read_header(data: bytes, size_px: tuple[int, int]) -> int:
-    """See that the header fits, and return its compression."""
+    """Check the header, and return its compression."""
     if len(data) < STORED_HEADER_LENGTH or data[:4] != _SIGNATURE:
         raise BadHeaderError("no header")
     width, height, stated = struct.unpack_from("<HHI", data, 4)
@@ -105,7 +105,7 @@ def _read_byte(stream: bytes, at: int) -> tuple[int, int]:
 
 
 def _read_count(stream: bytes, at: int) -> tuple[int, int]:
-    """A count of one byte below 128, else of two, lower seven bits first."""
+    """A count, in one byte if below 128, otherwise in two, lower seven bits first."""
     low, at = _read_byte(stream, at)
     if low < 128:
         return low, at
@@ -114,7 +114,7 @@ def _read_count(stream: bytes, at: int) -> tuple[int, int]:
 
 
 class _LineDecoder:
-    """Fills an image line by line. No run goes on over the end of a line."""
+    """Fills an image line by line. No run continues past the end of a line."""
 
     def __init__(self, stream: bytes, words: DecodedWords, copies: bool) -> None:
         self._stream, self._words, self._copies = stream, words, copies
@@ -142,7 +142,7 @@ class _LineDecoder:
                 self._copy(copied)
 
     def _place(self, count: int) -> slice:
-        """Where the next pixels of a line go; a full line is left behind by itself."""
+        """Where the next pixels of a line go; after a full line the next one begins."""
         if self._column == self._width:
             self._row, self._column = self._row + 1, 0
         if self._row >= self._height:
@@ -179,7 +179,7 @@ class _LineDecoder:
             self._words[self._row, place] = self._words[self._row - 1, place]
 
     def _end_line(self) -> None:
-        """The line ends here, full or not; the rest of it stays black."""
+        """End the line, full or not; the rest of it stays black."""
         if self._row >= self._height:
             raise _StreamError(f"more than {self._height} lines")
         self._row, self._column = self._row + 1, 0

@@ -33,10 +33,10 @@ def parse_entry(
     in_flash: bool,
     of_video: bool = False,
 ) -> tuple[int, PlayedEntry]:
-    """The number of an entry and the entry, of the twelve bytes that define it.
+    """The number of an entry and the entry, from the twelve bytes that define it.
 
     in_flash : images are those of the flash, which has one plane. of_video : planes are those of
-    the picture on the signal, and the number of an image says nothing. Raises RefusedError.
+    the picture on the signal, and the number of the image is ignored. Raises RefusedError.
     """
     number, low, high, kind = struct.unpack_from("<HHBB", data)
     exposure_us = low | high << 16
@@ -88,7 +88,7 @@ class PatternMemory:
         self.forget()
 
     def forget(self) -> None:
-        """Nothing is loaded, and no entry is defined."""
+        """Forget all images and entries."""
         self.entries: tuple[PlayedEntry, ...] = ()
         self._definitions: dict[int, PlayedEntry] = {}
         self._order: Sequence[int] = ()
@@ -100,11 +100,11 @@ class PatternMemory:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Entries as they are shown, and patterns that are."""
+        """Number of entries in the order shown, and of patterns to show."""
         return len(self._order), self._most
 
     def define(self, data: bytes, *, in_flash: bool, of_video: bool = False) -> None:
-        """Take the definition of one entry; nothing is shown of it before `configure`. Raises
+        """Take the definition of one entry, which has no effect before `configure`. Raises
         RefusedError."""
         number, entry = parse_entry(
             data, self._model, self._options, in_flash=in_flash, of_video=of_video
@@ -112,10 +112,9 @@ class PatternMemory:
         self._definitions[number] = entry
 
     def configure(self, count: int, most: int) -> None:
-        """Have entries count as they were defined, in their order. Raises RefusedError.
+        """Put the defined entries into effect, in their order. Raises RefusedError.
 
-        Which planes they show, only images that are loaded from now on say, where the unit does not
-        keep those it has.
+        Their planes come from images loaded from now on, unless the unit keeps those it has.
         """
         if not 1 <= count <= MOST_PLAYED_ENTRIES:
             raise RefusedError(RefusalCode.NUMBER, f"{count} entries")
@@ -138,16 +137,16 @@ class PatternMemory:
         self._order, self._most = order, most
 
     def make_program(self) -> PlayedProgram:
-        """What is shown when it is started; the flash's pattern where nothing was loaded for an
-        entry. From then on images may be loaded from the last one on again."""
+        """The program to show; an entry for which nothing was loaded shows the flash's pattern.
+        From then on, images may again be loaded starting from the last one."""
         self._lowest = [MOST_STORED_IMAGES, MOST_STORED_IMAGES]
         numbers = range(len(self.entries))
         planes = [self._slots.get(number, self.startup) for number in numbers]
         return PlayedProgram(self.entries, self._order, planes, self._most)
 
     def make_video_program(self, words: DecodedWords | None) -> PlayedProgram:
-        """What is shown of one picture on the signal, 0xRRGGBB a pixel; None: black. The first
-        entry waits for the next picture, and so the last one ends on a black pattern."""
+        """The program for one picture on the signal, 0xRRGGBB a pixel; None: black. The first
+        entry waits for the next picture, so that the last one ends with a black pattern."""
         first = replace(self.entries[0], waits=True)
         entries = (first, *(replace(entry, waits=False) for entry in self.entries[1:]))
         planes: list[PlayedPlane | None] = [None] * len(entries)
@@ -157,7 +156,7 @@ class PatternMemory:
         return PlayedProgram(entries, range(len(entries)), planes, self._most)
 
     def begin_image(self, half: int, index: int, length: int) -> None:
-        """An image of so many bytes comes for one controller, 0 or 1. Raises RefusedError."""
+        """Begin an image of `length` bytes for one controller, 0 or 1. Raises RefusedError."""
         if half and not self._model.dual:
             raise RefusedError(RefusalCode.OTHER_CONTROLLER, "there is no second controller")
         if index >= MOST_STORED_IMAGES:
@@ -171,8 +170,8 @@ class PatternMemory:
         self._lowest[half] = index
 
     def add_data(self, half: int, piece: bytes, *, acked: bool) -> None:
-        """The next bytes of it; with the last ones it is decoded. Raises RefusedError, also for an
-        image that is damaged, which stays as far as it could be read."""
+        """Add the next bytes of an image; the last ones decode it. Raises RefusedError, also for a
+        damaged image, of which the readable part is kept."""
         upload = self._uploads[half]
         if upload is None:
             raise RefusedError(RefusalCode.WRONG_MODE, "no image was announced")
@@ -180,7 +179,7 @@ class PatternMemory:
         if len(piece) < 2 or stated != len(data) or stated > _LONGEST_PIECE:
             raise RefusedError(RefusalCode.PARAMETER, f"{stated} bytes stated of {len(data)}")
         if not data:
-            return  # some programs end with such a piece
+            return  # some programs end with an empty piece
         if len(upload.data) + len(data) > upload.length:
             raise RefusedError(RefusalCode.MEMORY, f"more than the {upload.length} bytes announced")
         upload.data += data
@@ -211,7 +210,7 @@ class PatternMemory:
             raise RefusedError(RefusalCode.INTERNAL, image.fault)
 
     def _fill(self, index: int) -> None:
-        """Give the entries of an image their planes."""
+        """Give the entries that show an image their planes."""
         words = self._images[index]
         for number, entry in enumerate(self.entries):
             if entry.image == index:

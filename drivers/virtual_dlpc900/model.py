@@ -1,7 +1,7 @@
-"""What kind of DLPC900 a virtual one is: its mirrors, its limits, and what no table says of it.
+"""What kind of DLPC900 a virtual one is: its mirrors, its limits, and what no table specifies.
 
 Numbers of commands, codes of errors and limits are those of TI's programmer's guide and data sheet.
-What contradicts itself there, or is not said, is an option.
+Where these contradict themselves, or say nothing, there is an option.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ MOST_PLAYED_ENTRIES = 400
 MOST_STORED_IMAGES = 18
 PLANES_OF_STORED_IMAGE = 24
 PLANES_BY_TI = (2, 0, 1)
-"""Which eight planes the bytes of a pixel hold, in the order of the stream: TI's own program."""
+"""Which eight planes the bytes of a pixel hold, in the order of the stream, in TI's own program."""
 PLANES_BY_OTHERS = (2, 1, 0)
-"""The same in everybody else's."""
+"""The same in all other programs."""
 
 
 class DmdRegister(IntEnum):
@@ -82,8 +82,8 @@ class RefusedError(Exception):
 class VirtualDmdModel:
     """One kind of mirrors and its controllers.
 
-    hardware : number that it tells of itself. dual : two controllers, one for either half.
-    planes : that its memory holds. least_exposure_us : of a plane.
+    hardware : number that it reports of itself. dual : two controllers, one for each half.
+    planes : how many its memory holds. least_exposure_us : of a plane.
     """
 
     name: str
@@ -105,17 +105,17 @@ DLP9000 = VirtualDmdModel("DLP9000", 2, (2560, 1600), 480, dual=True)
 
 
 def choose_dmd_model(size_px: tuple[int, int]) -> VirtualDmdModel:
-    """The model of that size; mirrors of another size than there are, of a kind that nobody knows
-    and as a DLP6500 otherwise."""
+    """The model with mirrors of that size; for a size of no known model, a DLP6500 of that size,
+    called unknown."""
     known = {model.size_px: model for model in (DLP6500, DLP9000)}
     return known.get(size_px, replace(DLP6500, name="unknown", hardware=0, size_px=size_px))
 
 
 @dataclass(frozen=True)
 class VirtualDmdTiming:
-    """How one unit keeps time. The light of a pattern begins `latency_ns` after it should, give or
-    take a standard deviation of `jitter_ns` each time a trigger starts it, and all its times are by
-    a crystal that is `crystal_ppm` too fast. Started by command, it begins `start_ns` after."""
+    """How one unit keeps time. The light of a pattern begins `latency_ns` late; when a trigger
+    starts it, the delay varies with a standard deviation of `jitter_ns`. All times are by a crystal
+    that is `crystal_ppm` too fast. A sequence begins `start_ns` after the command to start."""
 
     latency_ns: int = 0
     jitter_ns: int = 0
@@ -132,17 +132,17 @@ class VirtualDmdOptions:
     trigger_2_bit : what bit 0 of byte 9 of an entry has to be for a pulse at TRIG_OUT_2.
     after_stop, after_last : what stands once a sequence was stopped, or has shown its last pattern:
         nothing, or the pattern that was there.
-    keeps_images : whether images are found again after other entries were configured; by the guide
-        they are not, and entries go on showing what they last held.
+    keeps_images : whether images stay usable after other entries were configured; by the guide
+        they do not, and entries go on showing what they last held.
     any_order : whether an image may follow one of a lower number; by the guide it may not.
-    acks_spoil : a unit whose decompression is upset where replies to image data are asked for.
+    acks_spoil : a unit whose decompression fails if replies to image data are requested.
     copies : a unit that can copy pixels from the line above.
     replies_kept : how many replies wait to be fetched; older ones are gone.
-    least_dark_us : shortest dark time beside none.
+    least_dark_us : shortest dark time other than zero.
     source_locked : whether there is a video signal that nobody feeds.
     video_planes : colours that hold planes 0-7, 8-15 and 16-23 of a video picture.
-    video_waits : what bit 7 of byte 5 of the first entry has to be in video-pattern mode, of which
-        no table says whether the picture counts as a trigger.
+    video_waits : what bit 7 of byte 5 of the first entry has to be in video-pattern mode: no table
+        says whether the picture counts as a trigger there.
     startup : whether it shows the pattern of its flash when it is switched on, as new ones do.
     report_s : time that one report takes.
     """
@@ -171,8 +171,8 @@ class VirtualDmdFault:
 
     error : refused with `code`. deaf : neither done nor answered. mute : done, not answered.
     late : answered after the next command that is answered. busy : for `seconds` the device takes
-    and gives no report. unplug : the plug is out before it is done. reset : the device starts anew
-    in its place. abort : done; the sequencer gives up after `patterns` patterns.
+    and gives no report. unplug : the plug is pulled before it is done. reset : the device restarts
+    instead of doing it. abort : done; the sequencer gives up after `patterns` patterns.
     """
 
     kind: Literal["error", "deaf", "mute", "late", "busy", "unplug", "reset", "abort"]

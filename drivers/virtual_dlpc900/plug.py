@@ -1,6 +1,6 @@
 """The plug of a virtual DMD controller: reports that come and go, and what goes wrong with them.
 
-What a command does is the matter of each controller.
+Each controller defines what its commands do.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class ReportController(ABC):
 
     @abstractmethod
     def _answer(self, command: TakenCommand, fault: VirtualDmdFault | None) -> bytes:
-        """Do a command, and say how that went."""
+        """Do a command, and return the outcome."""
 
     # The plug
 
@@ -76,28 +76,28 @@ class ReportController(ABC):
         self.plugged_again += 1
 
     def _leave_until(self, at_ns: int) -> None:
-        """It is not on the USB until then, and comes back under another address."""
+        """Leave the USB until `at_ns`, and come back under another address."""
         self._gone_until_ns = at_ns
         self.plugged_again += 1
 
     # Reports
 
     def count_report(self) -> None:
-        """One report went either way; at one of them the plug may be pulled."""
+        """Count one report, in either direction; at report `unplug_at` the plug is pulled."""
         self.reports += 1
         if self.unplug_at is not None and self.reports >= self.unplug_at:
             self.unplug_at = None
             self.unplug()
 
     def write_report(self, report: bytes) -> None:
-        """Take a report; a command that is whole is done."""
+        """Take a report; a command is done once it is complete."""
         with self._lock:
             command = self._assembler.add(report)
             if command is not None:
                 self._take(command)
 
     def read_report(self) -> bytes | None:
-        """The next reply, 64 bytes; None where there is none."""
+        """The next reply, 64 bytes; None if there is none."""
         with self._lock:
             return self._replies.popleft() if self._replies else None
 

@@ -1,4 +1,4 @@
-"""What the virtual DLPC900 is set to and keeps: its trigger lines, and what means nothing here."""
+"""Registers of the virtual DLPC900: its trigger lines, and those that have no effect here."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REGISTER_LENGTHS: dict[int, int] = {
 _OUTPUTS = DmdRegister.TRIGGER_OUT_1, DmdRegister.TRIGGER_OUT_2
 _INPUTS = DmdRegister.TRIGGER_IN_1, DmdRegister.TRIGGER_IN_2
 TRIGGER_REGISTERS = (*_OUTPUTS, *_INPUTS)
-"""Those that are written while nothing is shown."""
+"""Registers that may be written only while nothing is shown."""
 _DELAYS_US = range(-20, 20_001)
 
 
@@ -36,7 +36,7 @@ class DmdRegisters:
         self.forget()
 
     def forget(self) -> None:
-        """All is set as when the device is switched on; levels stay, they are somebody else's."""
+        """Reset all registers as at power-on; levels stay, as others drive them."""
         self._set: dict[int, bytes] = {
             code: bytes(length) for code, length in REGISTER_LENGTHS.items()
         } | {DmdRegister.TRIGGER_IN_1: struct.pack("<HB", self._least_us, 0)}
@@ -62,17 +62,17 @@ class DmdRegisters:
 
     @property
     def delay_us(self) -> int:
-        """From an edge at the first input until the pattern."""
+        """Delay from an edge at the first input to the pattern, in us."""
         return int.from_bytes(self._set[DmdRegister.TRIGGER_IN_1][:2], "little")
 
     def delays_us(self, number: Literal[1, 2]) -> tuple[int, int]:
-        """Of both edges of an output."""
+        """Delays of the rising and falling edge of an output, in us."""
         _, rise_us, fall_us = struct.unpack("<Bhh", self._set[_OUTPUTS[number - 1]])
         return rise_us, fall_us
 
     def drive(self, number: Literal[1, 2], level: bool) -> bool | None:
-        """Take the level of an input: True is the edge that begins something, False the other one,
-        None no edge."""
+        """Set the level of an input. Returns True for the edge that begins something, False for the
+        other edge, None for no edge."""
         if level is self._levels[number]:
             return None
         self._levels[number] = level

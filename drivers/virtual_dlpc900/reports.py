@@ -1,7 +1,7 @@
 """Reports of 64 bytes and the commands in them, as the virtual DLPC900 takes and answers them.
 
 A command is flags, a sequence byte, the length of all that follows, the command and its data, in as
-many reports as that takes; reports after the first hold data alone. A reply has no command in it.
+many reports as needed; reports after the first hold only data. A reply does not repeat the command.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ class TakenCommand:
 
     @property
     def reads(self) -> bool:
-        """Whether it asks for something."""
+        """Whether it reads a value."""
         return bool(self.flags & _READS)
 
     @property
     def wants_reply(self) -> bool:
-        """Whether anything is to be sent back."""
+        """Whether a reply is to be sent."""
         return bool(self.flags & _ANSWERS)
 
     @property
     def for_others(self) -> bool:
-        """Whether it is for something else than the controller of the mirrors."""
+        """Whether it is for something other than the controller of the mirrors."""
         return bool(self.flags & _FOR_OTHERS)
 
     def answer(self, data: bytes = b"", *, failed: bool = False) -> bytes:
-        """The report that answers it, filled up to its 64 bytes."""
+        """The report that answers it, padded to 64 bytes."""
         flags = self.flags | (_FAILED if failed else 0)
         reply = struct.pack("<BBH", flags, self.sequence, len(data)) + data
         return reply.ljust(USB_REPORT_LENGTH, b"\0")
@@ -56,8 +56,8 @@ class ReportAssembler:
         self._whole = 0
 
     def add(self, report: bytes) -> TakenCommand | None:
-        """Take a report; the command when it is whole. What is shorter than a report is filled up
-        with zeros, as it is for the device."""
+        """Take a report; returns the command once it is complete. Shorter reports are padded with
+        zeros, as for the device."""
         padded = report[:USB_REPORT_LENGTH].ljust(USB_REPORT_LENGTH, b"\0")
         if not self._whole:
             self._whole = 4 + max(2, struct.unpack_from("<H", padded, 2)[0])
@@ -71,6 +71,6 @@ class ReportAssembler:
         return TakenCommand(flags, sequence, code, data, whole > _LONGEST_COMMAND)
 
     def forget(self) -> None:
-        """What came of a command is of no use any more."""
+        """Discard what has come of an incomplete command."""
         self._taken.clear()
         self._whole = 0

@@ -1,8 +1,8 @@
 """The sequencer of the virtual DLPC900: which pattern stood when, to the nanosecond.
 
-Nothing is stepped through. A run of patterns is its beginning and the entries it goes by, and what
-was shown in any stretch of time is worked out when somebody asks. So a sequence may go on for
-hours, and time comes from whoever calls alone.
+Nothing is stepped through. A run of patterns is stored as its beginning and its entries, and what
+was shown in any interval is computed on request. So a sequence may go on for hours, and all times
+come from the caller.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from .decode import DecodedWords
 from .model import VirtualDmdOptions
 
 _BLACK_US = 105
-"""The black pattern before one that waits."""
+"""Length of the black pattern before a pattern that waits."""
 _PULSE_NS = 20_000
 _KEPT = 4096
-"""Runs and stands that are remembered: those of an exposure, of a trigger for every pattern."""
+"""Runs and stands that are remembered: enough for an exposure with a trigger for each pattern."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +62,10 @@ class PlayedProgram:
         planes: Sequence[PlayedContent],
         most: int,
     ) -> None:
-        """order : numbers of entries. planes : of all entries. most : 0: no end.
+        """order : numbers of entries. planes : of all entries. most : patterns to show; 0: no end.
 
-        The black pattern stays with the entry that came before one that waits when entries were
-        configured, wherever it is shown.
+        An entry that is followed by one that waits, in the configured order, ends with a black
+        pattern; it keeps that wherever `order` shows it.
         """
         last = len(entries)
         self.entries = tuple(entries[number] for number in order)
@@ -79,18 +79,18 @@ class PlayedProgram:
         self._starts_us = list(accumulate(lengths, initial=0))
 
     def start_us(self, number: int) -> int:
-        """When a pattern begins, by its number from the beginning on."""
+        """When the pattern of that number begins, after the start of the program."""
         rounds, place = divmod(number, len(self.entries))
         return rounds * self._starts_us[-1] + self._starts_us[place]
 
     def number_at(self, us: float) -> int:
-        """The pattern that stands then."""
+        """The number of the pattern that stands at that time."""
         rounds, rest = divmod(us, self._starts_us[-1])
         return int(rounds) * len(self.entries) + bisect_right(self._starts_us, rest) - 1
 
     def next_halt(self, first: int) -> int | None:
-        """The number at which a run from `first` on ends: of a pattern that waits, or one more
-        than there are. None: it goes on for ever."""
+        """The number before which a run from `first` on ends: that of a pattern that waits, or
+        the count of all patterns. None: it goes on for ever."""
         for number in range(first + 1, first + 1 + len(self.entries)):
             if self.most and number >= self.most:
                 return self.most
@@ -99,7 +99,7 @@ class PlayedProgram:
         return self.most or None
 
     def contents(self, number: int) -> list[tuple[int, PlayedContent]]:
-        """What a pattern shows, and from when on after its beginning, in us."""
+        """What a pattern shows, each with the time after the pattern's beginning, in us."""
         place = number % len(self.entries)
         entry, plane, black_us = self.entries[place], self.planes[place], self.black_us[place]
         found: list[tuple[int, PlayedContent]] = [(0, plane)]
@@ -114,7 +114,7 @@ class PlayedProgram:
 
 @dataclass(frozen=True)
 class _Stand:
-    """Something that stands until something else is said."""
+    """Something that stands until the next command."""
 
     begin_ns: int
     content: PlayedContent
@@ -125,7 +125,7 @@ class _Stand:
 
 @dataclass(frozen=True)
 class _Run:
-    """Patterns that follow each other by the crystal alone, from number `first` on."""
+    """Patterns timed by the crystal only, without triggers, from number `first` on."""
 
     begin_ns: int
     program: PlayedProgram
@@ -134,17 +134,17 @@ class _Run:
     ns_per_us: float
 
     def time_ns(self, number: int, after_us: int = 0) -> int:
-        """When a pattern begins, or so much later."""
+        """The time `after_us` after a pattern begins."""
         us = self.program.start_us(number) - self.program.start_us(self.first) + after_us
         return self.begin_ns + round(us * self.ns_per_us)
 
     def number_at(self, at_ns: int) -> int:
-        """The pattern that stands then."""
+        """The number of the pattern that stands at that time."""
         us = (at_ns - self.begin_ns + 0.5) / self.ns_per_us + self.program.start_us(self.first)
         return max(self.first, self.program.number_at(us))
 
     def patterns(self, low_ns: int, high_ns: int) -> Iterator[int]:
-        """Numbers of the patterns that stand in a stretch of time."""
+        """Numbers of the patterns that stand in an interval."""
         number = self.number_at(low_ns)
         halt = math.inf if self.halt is None else self.halt
         while number < halt and self.time_ns(number) < high_ns:
@@ -162,7 +162,7 @@ class _Run:
 class DmdSequencer:
     """Shows a program, waits for triggers, and remembers what stood when.
 
-    missed : triggers that came while none was waited for. aborted : it gave up.
+    missed : triggers that came while it did not wait for one. aborted : it gave up.
     """
 
     def __init__(self, options: VirtualDmdOptions) -> None:
@@ -180,16 +180,16 @@ class DmdSequencer:
 
     @property
     def active(self) -> bool:
-        """Whether a sequence runs or waits, as of the last time that was told."""
+        """Whether a sequence runs or waits, as of the latest time given to a method."""
         return self._state in ("runs", "waits")
 
     @property
     def stopped(self) -> bool:
-        """Whether there is none, not even one that is paused."""
+        """Whether there is no sequence, not even a paused one."""
         return self._state == "stopped"
 
     def darken(self, now_ns: int) -> None:
-        """End whatever goes on, whatever is said of stops: nothing stands from now on."""
+        """End whatever goes on. Nothing stands from now on, whatever option `after_stop` says."""
         self.settle(now_ns)
         self._state = "stopped"
         self._put(_Stand(now_ns, None))
@@ -233,14 +233,14 @@ class DmdSequencer:
         self._run(at_ns + max(0, round(delay_us * self._ns_per_us) + late_ns))
 
     def hold(self, at_ns: int, content: PlayedContent) -> None:
-        """Show something until something else is said: a picture of plain video."""
+        """Show something until the next command: a picture of plain video."""
         self.settle(at_ns)
         self._state = "stopped"
         self._put(_Stand(at_ns, content))
 
     def show_picture(self, at_ns: int, program: PlayedProgram) -> None:
-        """A picture begins on the signal: a sequence that waits shows its planes. One that has not
-        come to its end when the next begins gives up."""
+        """A picture begins on the signal: a waiting sequence shows its planes. A sequence that
+        still runs when the next picture begins gives up."""
         self.settle(at_ns)
         if self._state == "waits":
             self._program = program
@@ -249,13 +249,13 @@ class DmdSequencer:
             self.lose_picture(at_ns)
 
     def lose_picture(self, at_ns: int) -> None:
-        """There is no signal any more, or one that goes on too early: it gives up."""
+        """Give up: the signal has ended, or its next picture came too early."""
         was_active = self.active
         self.stop(at_ns)
         self.aborted |= was_active
 
     def settle(self, now_ns: int) -> None:
-        """Let time go on until then."""
+        """Advance to that time."""
         while self._state == "runs":
             run = self._past[-1]
             assert isinstance(run, _Run)  # noqa: S101
@@ -264,7 +264,7 @@ class DmdSequencer:
             self._halt(run, run.halt)
 
     def _halt(self, run: _Run, number: int) -> None:
-        """The run came to its end: at the last pattern, or at one that waits."""
+        """End the run, after the last pattern or before one that waits."""
         end_ns, place = run.time_ns(number), (number - 1) % len(run.program.entries)
         last = run.program.contents(number - 1)[-1][1]
         self._number = number
@@ -299,7 +299,7 @@ class DmdSequencer:
         self._state = "runs"
 
     def _put(self, piece: _Stand | _Run) -> None:
-        """What comes now takes the place of what was still to come."""
+        """Add a piece; it replaces those that would begin later."""
         while len(self._past) > 1 and self._past[-1].begin_ns >= piece.begin_ns:
             self._past.pop()
         self._past.append(piece)
@@ -307,7 +307,7 @@ class DmdSequencer:
     # What was shown
 
     def content_at(self, at_ns: int) -> PlayedContent:
-        """What stands then."""
+        """What stands at that time."""
         return self.list_changes(at_ns, at_ns + 1)[-1][1]
 
     def list_changes(self, low_ns: int, high_ns: int) -> list[tuple[int, PlayedContent]]:
@@ -323,8 +323,8 @@ class DmdSequencer:
     def list_pulses(
         self, line: Literal[1, 2], low_ns: int, high_ns: int, delays_us: tuple[int, int]
     ) -> list[tuple[int, int]]:
-        """Rising and falling edges at a trigger output, of patterns that stood in a stretch of
-        time. Line 1 frames each exposure, and stays up where the next follows at once."""
+        """Rising and falling edges at a trigger output, of patterns that stood in an interval.
+        Line 1 is up during each exposure, and stays up if the next follows at once."""
         self.settle(high_ns)
         found: list[tuple[int, int]] = []
         rise_us, fall_us = delays_us
@@ -346,7 +346,7 @@ class DmdSequencer:
         return found
 
     def _pieces(self) -> Iterator[tuple[_Stand | _Run, int]]:
-        """All that stood, and until when."""
+        """All that stood, each with the time at which it ended."""
         pieces = list(self._past)
         ends = [piece.begin_ns for piece in pieces[1:]] + [2**62]
         yield from zip(pieces, ends, strict=True)

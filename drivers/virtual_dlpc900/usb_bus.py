@@ -1,9 +1,9 @@
 """Virtual DMD controllers on one USB: a pyusb backend that real pyusb code drives unchanged.
 
 Give it to ``usb.core.find(find_all=True, backend=...)``. Errors are those that libusb raises on
-Linux, where the kernel's HID driver holds each device until it is detached. One report takes its
-time in either direction, device by device; an interrupt transfer of several reports goes packet by
-packet. Not modelled: hubs, power, HID's own descriptors and control requests.
+Linux, where the kernel's HID driver holds each device until it is detached. Each report takes time
+in either direction, for each device separately; an interrupt transfer of several reports goes
+packet by packet. Not modelled: hubs, power, HID's own descriptors and control requests.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ _FIRST_ADDRESS = 20
 _FULL_SPEED, _INTERRUPT, _HID = 2, 3, 3
 _Device = TypeVar("_Device", bound=ReportController)
 _LONG_MS = 10_000
-"""How long a transfer without a time-out waits, for which libusb would wait for ever."""
+"""How long a transfer without a time-out waits; libusb would wait for ever."""
 
 
 class _Opened:
-    """An opened device; of no use once it has come back under another address."""
+    """An opened device; useless once it has come back under another address."""
 
     def __init__(self, device: ReportController, address: int) -> None:
         self.device, self.address = device, address
@@ -57,7 +57,7 @@ class VirtualDmdBus(usb.backend.IBackend, Generic[_Device]):  # type: ignore[mis
         self._free_ns: dict[int, int] = {}
 
     def address_of(self, device: ReportController) -> int:
-        """Of a device; another one each time it comes back."""
+        """A device's address; it changes each time the device comes back."""
         turn = len(self.devices) * device.plugged_again
         return _FIRST_ADDRESS + self.devices.index(device) + turn
 
@@ -70,7 +70,7 @@ class VirtualDmdBus(usb.backend.IBackend, Generic[_Device]):  # type: ignore[mis
                 yield SimpleNamespace(device=device, address=self.address_of(device))
 
     def get_parent(self, _dev: Any) -> None:
-        """None: they hang on the root."""
+        """None: they are on the root hub."""
         return
 
     def get_device_descriptor(self, dev: Any) -> Any:
@@ -118,7 +118,7 @@ class VirtualDmdBus(usb.backend.IBackend, Generic[_Device]):  # type: ignore[mis
         return handle
 
     def close_device(self, dev_handle: _Opened) -> None:
-        """Close; what was claimed is free again."""
+        """Close, and release what was claimed."""
         if self._claimed.get(dev_handle.address) is dev_handle:
             del self._claimed[dev_handle.address]
 
@@ -167,7 +167,7 @@ class VirtualDmdBus(usb.backend.IBackend, Generic[_Device]):  # type: ignore[mis
         self._detached.add(dev_handle.address)
 
     def attach_kernel_driver(self, dev_handle: _Opened, intf: int) -> None:
-        """Have it take hold again; EBUSY while it does, or somebody has claimed it."""
+        """Have the kernel hold it again; EBUSY while it does, or while somebody has claimed it."""
         active = self.is_kernel_driver_active(dev_handle, intf)
         if active or dev_handle.address in self._claimed:
             raise make_usb_error(LibusbCode.BUSY)
@@ -234,7 +234,7 @@ class VirtualDmdBus(usb.backend.IBackend, Generic[_Device]):  # type: ignore[mis
         return count
 
     def _claim_of(self, handle: _Opened, ep: int, wanted: int) -> ReportController:
-        """The device of a handle that is there and claimed, for an endpoint that there is."""
+        """The device of a handle; checks that it is there and claimed, and that `ep` is right."""
         self._alive(handle)
         if self._claimed.get(handle.address) is not handle:
             raise make_usb_error(LibusbCode.IO)
@@ -247,7 +247,7 @@ class VirtualDmdBus(usb.backend.IBackend, Generic[_Device]):  # type: ignore[mis
             raise make_usb_error(LibusbCode.NO_DEVICE)
 
     def _spend_report(self, handle: _Opened, timeout_ms: int) -> None:
-        """Wait while one report goes over, after those of this device that came before it."""
+        """Wait while one report is transferred, after this device's earlier ones."""
         device = handle.device
         now_ns, free_ns = device.clock.now_ns(), self._free_ns.get(handle.address, 0)
         until_ns = max(now_ns, free_ns, device.hung_until_ns) + round(device.report_s * 1e9)

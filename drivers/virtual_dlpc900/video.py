@@ -1,8 +1,8 @@
 """The video input of the virtual DLPC900: whether there is a signal, and what its pictures show.
 
-In video mode a picture lights what has any level at all. In video-pattern mode its 24 bits are
-shown as the LUT has them, from its beginning on. A LUT that takes longer than a picture, its black
-pattern included, is refused when it is configured, of which no table says anything.
+In video mode a picture lights every pixel whose level is not zero. In video-pattern mode its 24
+bits are shown as the LUT says, from the LUT's beginning. A LUT that takes longer than a picture,
+its black pattern included, is refused when it is configured; no table says anything about that.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .sequencer import DmdSequencer, PlayedPlane
 
 
 class VideoInput:
-    """Of one device. What it shows is `memory`'s entries, by `sequencer`."""
+    """The video input of one device. Shows the entries of `memory` through `sequencer`."""
 
     def __init__(
         self,
@@ -35,18 +35,18 @@ class VideoInput:
         return self._options.source_locked or self._picture_us is not None
 
     def connect(self, refresh_hz: float) -> None:
-        """A signal of so many pictures a second comes from now on."""
+        """Begin a signal of `refresh_hz` pictures a second."""
         self._picture_us = 1e6 / refresh_hz
 
     def disconnect(self, at_ns: int, *, of_patterns: bool) -> None:
-        """It is gone. of_patterns : in video-pattern mode."""
+        """End the signal. of_patterns : in video-pattern mode."""
         self._picture_us = None
         if of_patterns:
             self._sequencer.lose_picture(at_ns)
 
     def check_lut(self) -> None:
-        """Refuse, and forget, entries that no picture of the signal can be shown by; any are right
-        where nobody feeds one."""
+        """Refuse, and forget, entries that cannot show the signal's pictures. Without a signal, all
+        entries are accepted."""
         if self._picture_us is None:
             return
         first, *others = self._memory.entries
@@ -61,8 +61,8 @@ class VideoInput:
             raise RefusedError(*wrong)
 
     def show(self, words: DecodedWords, at_ns: int, *, of_patterns: bool) -> None:
-        """A picture begins, (height, width) of 0xRRGGBB; it is there for one refresh. Raises
-        ValueError for one of another size than the mirrors."""
+        """Begin a picture, (height, width) of 0xRRGGBB, which lasts one refresh. Raises ValueError
+        if its size is not that of the mirrors."""
         if words.shape != self._model.size_px[::-1]:
             raise ValueError(f"a picture of {words.shape} for mirrors of {self._model.size_px}")
         if self._picture_us is None:
