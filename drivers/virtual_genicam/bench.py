@@ -1,6 +1,6 @@
 """The mock bench as a machine-vision camera sees it: its scene, by GigE Vision on this machine.
 
-The driver is `drivers.genicam` as it is; only who listens at 127.0.0.1 is brought along.
+The driver is `drivers.genicam` unchanged; this module adds the camera that listens at 127.0.0.1.
 """
 
 from __future__ import annotations
@@ -27,20 +27,21 @@ from .description import CameraDescription
 from .simulator import VIRTUAL_ADDRESS
 
 _DARK_S = 1e-3
-"""A shorter exposure is one that looks for black. Panels are, and the bench is not told of it."""
+"""A shorter exposure only measures black. Panels are black then, and the bench's shutter is not
+opened for it."""
 _WAIT_S = 60.0
-"""How long a frame may take: until the light of an exposure is worked out."""
+"""How long a frame may take: the light of the exposure is computed first."""
 _PACKET_BYTES = 9000
-"""The loopback takes more, and the simulator has no test packets to find it out."""
+"""The loopback takes more, but the simulator has no test packets to find that out."""
 _SIDES = {"Line2": 0, "Line3": 1}
-"""Whose pulses come to its inputs: the projector's and the mask's."""
+"""The panel whose pulses come to each input: the projector's and the mask's."""
 _PLACES = {"R": ((0, 0),), "G": ((0, 1), (1, 0)), "B": ((1, 1),)}
 """Where the bench's sensor has a colour in its quads."""
 
 
 class BenchLight:
-    """The scene of the mock bench, by the sensor profile of [camera]; the lens stands at
-    `[camera] f_number`, or f/8 where that is auto."""
+    """The scene of the mock bench, with the sensor profile of [camera]; the lens is at
+    `[camera] f_number`, or f/8 if that is auto."""
 
     def __init__(self, context: DriverContext) -> None:
         config = context.config
@@ -51,19 +52,19 @@ class BenchLight:
         self._f_number = 8.0 if fixed == "auto" else float(fixed)
 
     def open(self, asked_ns: int, exposure_s: float | None) -> int:
-        """Light falls on the sensor from now on."""
+        """Begin to expose the sensor."""
         if exposure_s is None or exposure_s >= _DARK_S:
             self._bench.open_shutter(asked_ns)
         return asked_ns
 
     def close(self, asked_ns: int) -> int:
-        """No longer."""
+        """End the exposure."""
         if self._bench.shutter_open:
             self._bench.close_shutter(asked_ns)
         return asked_ns
 
     def count_pulses(self, line: str, low_ns: int, high_ns: int) -> int:
-        """Those that panels which are not the mock's sent to an input (`_SIDES`)."""
+        """Count pulses at an input (`_SIDES`) from panels other than the mock's."""
         panels = self._bench.panels
         return 0 if panels is None else panels.count_pulses(_SIDES[line], low_ns, high_ns)
 
@@ -91,10 +92,10 @@ def order_mosaic(samples: NDArray[np.uint16], cfa: str) -> NDArray[np.uint16]:
 
 
 class HostedCamera(GenicamCamera):
-    """A camera of `drivers.genicam` that brings along the one which it opens."""
+    """A camera of `drivers.genicam` that hosts the virtual camera which it opens."""
 
     def __init__(self, context: DriverContext) -> None:
-        """Raises ConfigError for a bench that cannot be. Nothing listens before `open`."""
+        """Raises ConfigError for an impossible bench. Nothing listens before `open`."""
         config = context.config
         options = read_genicam_options(config)
         film = BenchLight(context)
@@ -145,7 +146,7 @@ class HostedCamera(GenicamCamera):
 def examine_virtual_genicam(
     context: DriverContext,
 ) -> Generator[Finding, None, tuple[int, int] | None]:
-    """What `examine_genicam` has to say of the camera that is brought along, while it is there."""
+    """The findings of `examine_genicam` about the hosted camera, while it listens."""
     try:
         hosted = HostedCamera(context)
         hosted.virtual.start()

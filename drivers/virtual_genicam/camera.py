@@ -1,8 +1,8 @@
 """A machine-vision camera that is not there: exposures in time, frames of what a film shows.
 
-The simulator sends frames; when, and of what, is decided here, by a thread that looks at its
-registers: a trigger begins an exposure, the clock or the line's level ends it, and then the frame
-is sent. So light has its time, and the simulator answers its heartbeat all the while.
+The simulator sends frames. A thread here decides when, and what they show, by reading the
+simulator's registers: a trigger begins an exposure, the clock or the line's level ends it, and then
+the frame is sent. So exposures take real time, and the simulator keeps answering its heartbeat.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ from .simulator import HostedSimulator
 logger = logging.getLogger(__name__)
 
 _LOOK_S, _IDLE_S = 0.002, 0.02
-"""How often registers are looked at, while frames may be wanted and while nobody wants any."""
+"""Interval of reading the registers while frames may be wanted, and while none are."""
 _QUIET = 150
-"""After so many looks at which there was nothing, somebody computes, and is left to it."""
+"""After this many readings without news the client is probably computing; it gets the processor."""
 _SEND_S = 5.0
 _WARM_CC = 4150
 _HEARTBEAT_MS = 60_000
-"""For so long the client need not be heard. It is a thread of this very process, as the camera is,
-and on a machine that is busy it may come late."""
+"""How long the client may be silent. Client and camera are threads of the same process, and on a
+busy machine the client may be late."""
 
 
 @dataclass(frozen=True)
 class VirtualExposure:
-    """One exposure, by the clock that the camera is on, and what the camera was set to."""
+    """One exposure: its times by the camera's clock, and the camera's settings."""
 
     open_ns: int
     close_ns: int
@@ -59,7 +59,7 @@ class VirtualExposure:
 
     @property
     def exposure_s(self) -> float:
-        """How long it was."""
+        """Length of the exposure."""
         return 1e-9 * (self.close_ns - self.open_ns)
 
 
@@ -67,16 +67,16 @@ class LightFilm(Protocol):
     """What lies behind the sensor. Called on the camera's own thread, one call at a time."""
 
     def open(self, asked_ns: int, exposure_s: float | None) -> int:
-        """An exposure begins, of so many seconds, or as long as a line holds it; returns when it
-        really does."""
+        """Begin an exposure of `exposure_s`, or for as long as a line holds it; returns the time at
+        which it really begins."""
         ...
 
     def close(self, asked_ns: int) -> int:
-        """It ends; returns when it really does."""
+        """End the exposure; returns the time at which it really ends."""
         ...
 
     def make_samples(self, exposure: VirtualExposure) -> NDArray[np.uint16]:
-        """What the sensor makes of it, (height, width), in the format's bits."""
+        """The samples of the exposure, (height, width), in the format's bits."""
         ...
 
 
@@ -84,9 +84,9 @@ class LightFilm(Protocol):
 class CameraFaults:
     """What the camera shall do wrong; may be changed while it runs.
 
-    lost : share of packets that are lost. swapped : bytes of samples of two come the wrong way
-    round. left : so many bits samples are shifted to the left. killed_after_s : the next exposure
-    is not survived for longer than that. silent : frames are never sent.
+    lost : share of packets that are lost. swapped : samples of two bytes come with their bytes
+    swapped. left : samples are shifted to the left by so many bits. killed_after_s : the camera
+    dies after that time in the next exposure. silent : frames are never sent.
     """
 
     lost: float = 0.0
@@ -105,10 +105,10 @@ class _Running:
 
 @dataclass
 class VirtualGenicamCamera:
-    """Such a camera, which can be reached at `VIRTUAL_ADDRESS` between `start` and `stop`.
+    """A virtual camera, which can be reached at `VIRTUAL_ADDRESS` between `start` and `stop`.
 
-    count_pulses : how many came to an input, "Line2" or "Line3", from a time until before another.
-    exposures : that came to their end. missed : triggers that came while one went on.
+    count_pulses : counts pulses at an input, "Line2" or "Line3", from one time to before another.
+    exposures : number completed. missed : triggers that came during an exposure.
     """
 
     description: CameraDescription
@@ -127,7 +127,7 @@ class VirtualGenicamCamera:
     _ended: threading.Event = field(default_factory=threading.Event)
 
     def start(self) -> None:
-        """Be there. Idempotent. Raises DeviceLost where another one is."""
+        """Begin to listen. Idempotent. Raises DeviceLost if the address is taken."""
         if self._simulator is not None:
             return
         description = self.description
@@ -159,7 +159,7 @@ class VirtualGenicamCamera:
         self._thread.start()
 
     def stop(self) -> None:
-        """Be gone, as by a cable that is pulled. Idempotent."""
+        """Go silent, as if the cable were pulled. Idempotent."""
         thread, self._thread = self._thread, None
         simulator, self._simulator = self._simulator, None
         self._ended.set()
@@ -170,7 +170,7 @@ class VirtualGenicamCamera:
 
     @property
     def exposing(self) -> bool:
-        """Whether an exposure goes on."""
+        """Whether an exposure is under way."""
         return self._running is not None
 
     def hold_line(self, level: bool) -> None:
@@ -178,7 +178,7 @@ class VirtualGenicamCamera:
         self._line = level
 
     def _run(self, simulator: HostedSimulator, ended: threading.Event) -> None:
-        """Look at the registers until the camera is stopped."""
+        """Read the registers repeatedly until the camera is stopped."""
         lost, before, quiet = 0.0, self._line, 0
         while not ended.is_set():
             if self.faults.lost != lost:
@@ -202,7 +202,7 @@ class VirtualGenicamCamera:
         self._give_up()
 
     def _count(self, simulator: HostedSimulator, exposure: VirtualExposure) -> None:
-        """Let counters go on by what came in an exposure."""
+        """Add the pulses of an exposure to the counters."""
         lines = {value: line for line, value in COUNTER_SOURCES.items() if value}
         for number in range(len(COUNTERS)):
             line = lines.get(simulator.read(Register.COUNTER_SOURCES + 4 * number))
@@ -212,7 +212,7 @@ class VirtualGenicamCamera:
                 simulator.write(place, simulator.read(place) + count)
 
     def _give_up(self) -> None:
-        """End an exposure of which no frame will come."""
+        """End an exposure without sending a frame."""
         running, self._running = self._running, None
         if running is not None:
             self.film.close(self.clock.now_ns())
@@ -225,7 +225,7 @@ class VirtualGenicamCamera:
             rose, fell = fell, rose
         if self._triggered(simulator, rose=rose):
             if self._running is not None:
-                self.missed += 1  # real cameras count it, too, and go on
+                self.missed += 1  # real cameras, too, count it and go on
             else:
                 self._begin(simulator, by_width=by_width)
         running, now_ns = self._running, self.clock.now_ns()
@@ -278,7 +278,7 @@ class VirtualGenicamCamera:
         self.exposures += 1
         try:
             samples = self.film.make_samples(exposure)
-        # Of a film's faults there is no end; the camera goes on, without that frame.
+        # A film may raise anything; the camera goes on, without that frame.
         except Exception as err:
             logger.error("no frame was made error=%s: %s", type(err).__name__, err)
             simulator.write(Register.WAITS, 1)
@@ -300,7 +300,7 @@ class VirtualGenicamCamera:
             samples = samples.byteswap()
         self._frame = pack_samples(samples, pixel_format)
         simulator.write(Register.SEND, 1)
-        # The next one would take its place.
+        # The next frame would overwrite this one.
         for _ in range(round(_SEND_S / _LOOK_S)):
             if simulator.read(Register.SEND) == 0 or ended.wait(_LOOK_S):
                 return

@@ -1,8 +1,9 @@
-"""What the virtual camera says of itself: its GenApi description (XML), and where features lie.
+"""The virtual camera's GenApi description (XML), and the addresses of its features.
 
 All registers are big-endian words of 32 bits in the memory of Aravis' simulator, below 0x10000.
-Those below 0x400 are the simulator's own, and some mean something to it: picture size, format and
-acquisition are shared, trigger and exposure are not, as the simulator knows neither time nor light.
+Those below 0x400 are the simulator's own, and it uses some of them: picture size, format and
+acquisition are shared; trigger and exposure are not, as the simulator models neither time nor
+light.
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ class Register(IntEnum):
 
 
 STARTED_ANEW, STARTED = 2, 1
-"""What a client writes to start the acquisition, and what stands there once that was seen: so a
-stop before it is seen, too, however short."""
+"""The value that a client writes to start the acquisition, and the value that replaces it once seen
+here. So a stop just before a start is noticed too, however short."""
 EXPOSURE_MODES = {"Timed": 0, "TriggerWidth": 1}
 TRIGGER_SOURCES = {"Software": 0, "Line1": 1}
 TRIGGER_ACTIVATIONS = {"RisingEdge": 0, "FallingEdge": 1}
@@ -70,8 +71,8 @@ _SCHEMA = "http://www.genicam.org/GenApi/Version_1_1"
 class CameraDescription:
     """What a virtual camera is.
 
-    width, height : of its sensor, pixels. formats : that it offers. white : its white level, which
-    it tells; None: it does not. longest_s : its longest exposure. gain_db : its largest gain.
+    width, height : of its sensor, pixels. formats : that it offers. white : the white level that it
+    reports; None: it reports none. longest_s : its longest exposure. gain_db : its largest gain.
     """
 
     width: int
@@ -108,7 +109,7 @@ class _Writer:
         self._features: dict[str, list[str]] = {}
 
     def node(self, kind: str, name: str, category: str = "", **parts: object) -> Element:
-        """One node; with a category it is a feature of that."""
+        """Add one node; with a category, as a feature of that category."""
         node = SubElement(
             self.root, kind, {"Name": name, "NameSpace": "Standard" if category else "Custom"}
         )
@@ -119,7 +120,7 @@ class _Writer:
         return node
 
     def register(self, name: str, address: int, mode: str = "RW", index: str = "") -> str:
-        """A word, or one for each value of the register `index`; returns its name."""
+        """Add a word, or one word for each value of the register `index`; returns its name."""
         name = f"{name}Register"
         # An order of parts that the schema asks for. The simulator is written to from within, too.
         node = self.node("IntReg", name, Address=f"0x{address:X}")
@@ -137,7 +138,7 @@ class _Writer:
         return name
 
     def text(self, name: str, category: str, address: int, length: int) -> None:
-        """A string that is only read."""
+        """A read-only string."""
         self.node(
             "StringReg",
             name,
@@ -175,7 +176,7 @@ class _Writer:
         high: float,
         mode: str = "RW",
     ) -> None:
-        """A float that is kept in a word, `per_unit` steps to one."""
+        """A float that is stored in a word, in `per_unit` steps to one unit."""
         self.node(
             "Converter",
             f"{name}Converter",
@@ -245,7 +246,7 @@ def write_description(camera: CameraDescription) -> bytes:
 
 
 def _write_trigger(xml: _Writer, category: str) -> None:
-    """How exposures are started, and whether one may be."""
+    """Features for starting exposures, and for whether one may be started."""
     xml.node("Integer", "TriggerSelectorValue", Value=0)
     selector = xml.node("Enumeration", "TriggerSelector", category)
     _add_entries(selector, {"FrameStart": 0}, "TriggerSelectorValue")

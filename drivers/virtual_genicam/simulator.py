@@ -1,7 +1,7 @@
 """Aravis' simulator of a GigE Vision camera, hosted in this process: its memory and its frames.
 
-It speaks the protocol on 127.0.0.1 from a thread of the library, and asks for the bytes of each
-frame from there. One at a time can be: the port is that of the protocol.
+It speaks the protocol on 127.0.0.1 from a thread of the library, and that thread asks for the bytes
+of each frame. Only one can run at a time: the protocol prescribes the port.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ VIRTUAL_ADDRESS = "127.0.0.1"
 _FILL = CFUNCTYPE(None, c_void_p, c_void_p, c_uint32, c_uint32, c_uint32)
 _PORT = 3956
 _XML_AT, _XML_URL, _XML_URL_BYTES = 0x10000, 0x200, 512
-"""Where the simulator has the description, and where that is written."""
+"""Addresses of the description and of the URL that points to it; the URL's room in bytes."""
 _LOOKS_HZ = 1e6 / 2080.0
-"""How often the simulator looks whether it is to send a frame. It waits in whole milliseconds and
-keeps a core busy for what is left of its time: so little that a wait, which is late, is over it."""
+"""How often the simulator checks whether it is to send a frame. It waits in whole milliseconds, and
+spins for the rest of the period: so little here that the wait, which ends late, covers it."""
 
 
 class HostedSimulator:
@@ -35,7 +35,7 @@ class HostedSimulator:
     """
 
     def __init__(self, xml: bytes, serial: str, payload: Callable[[], bytes]) -> None:
-        """Raises DeviceLost where the address is taken."""
+        """Raises DeviceLost if the address is taken."""
         _check_free()
         self._lib: AravisLibrary = load_library()
         self._declare()
@@ -68,30 +68,30 @@ class HostedSimulator:
             self._lib.arv.arv_fake_camera_write_register(self._memory, address, value)
 
     def write_text(self, address: int, text: str, length: int) -> None:
-        """Write a string of at most so many bytes, with zeros behind it."""
+        """Write a string of at most `length` bytes, padded with zeros."""
         data = text.encode()[: length - 1].ljust(length, b"\0")
         self._lib.arv.arv_fake_camera_write_memory(self._memory, address, length, data)
 
     def lose_packets(self, share: float) -> None:
-        """Lose that share of the packets of frames from now on."""
+        """Lose that share of the frames' packets from now on."""
         self._lib.gobject.g_object_set(
             c_void_p(self._camera), b"gvsp-lost-ratio", c_double(share), None
         )
 
     def close(self) -> None:
-        """Fall silent, as by a cable that is pulled. Idempotent."""
+        """Fall silent, as if the cable were pulled. Idempotent."""
         camera, self._camera = self._camera, None
         if camera is not None:
             self._lib.gobject.g_object_unref(camera)
 
     def _fill(self, buffer: int, data: int, exposure_us: int, gain: int, code: int) -> None:
         place = self._lib.arv.arv_buffer_get_data(buffer, byref(c_size_t()))
-        # The size that is told is of what was received. The buffer has that of the registers.
+        # The size reported is that of received data. The buffer has the size set in the registers.
         room = self._read_payload_bytes()
         ctypes.memmove(place, self._payload()[:room].ljust(room, b"\0"), room)
 
     def _read_payload_bytes(self) -> int:
-        # Asked while it is being closed, too: a frame that is sent then must not be an old one.
+        # Also called during closing: a frame that is sent then must not be an old one.
         pixels = self._read(Register.WIDTH) * self._read(Register.HEIGHT)
         return pixels * (self._read(Register.PIXEL_FORMAT) >> 16 & 0xFF) // 8
 
@@ -117,7 +117,7 @@ class HostedSimulator:
 
 
 def _check_free() -> None:
-    """Raise where somebody else listens: the simulator itself would not say so."""
+    """Raise DeviceLost if somebody else listens: the simulator itself would not report that."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind((VIRTUAL_ADDRESS, _PORT))
