@@ -39,8 +39,8 @@ _BODY = (
 
 @dataclass(frozen=True)
 class PanelModes:
-    """Two outputs that get a server of their own, the modes of both, and the names of the other
-    connected outputs."""
+    """Two outputs that get a server of their own, the modes of both, and the names of the others
+    that are connected."""
 
     outputs: tuple[Output, Output]
     timings: tuple[VideoTiming, VideoTiming]
