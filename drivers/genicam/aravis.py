@@ -261,7 +261,7 @@ class AravisCamera:
         return int(self._checked("arv_camera_gv_get_packet_size", device=False))
 
     def open_stream(self, payload_bytes: int, buffers: int, *, resend: bool) -> None:
-        """Be ready to receive frames of that size.
+        """Prepare to receive frames of that size.
 
         Socket buffers are large. No packet socket is used: with one, root receives no frames on the
         loopback, and other users may not open one.

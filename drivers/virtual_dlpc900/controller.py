@@ -2,7 +2,7 @@
 
 It has no connection of its own: `drivers.virtual_dlpc900.usb_bus` puts it on a pyusb backend, and a
 stand-in for another library may call `write_report` and `read_report` itself. Its lines are driven
-by `drive_line`; what its mirrors showed is told by `sequencer`.
+by `drive_line`; `sequencer` says what its mirrors showed.
 
 Modelled: framing and replies; which commands are allowed when, in the order number, length, mode,
 parameters; power, idle mirrors, resets; video, flash, video-pattern and on-the-fly mode; images to
@@ -86,8 +86,7 @@ class VirtualDlpc900(ReportController):
         self._boot(clock.now_ns())
 
     def restart(self) -> None:
-        """Switch it off and on: it is away for some seconds, and begins with what is in its
-        flash."""
+        """Switch it off and on: it is away for some seconds, then starts from its flash."""
         with self._lock:
             now_ns = self.clock.now_ns()
             self._leave_until(now_ns + _BOOT_NS)
@@ -294,7 +293,8 @@ class VirtualDlpc900(ReportController):
     def list_pulses(
         self, number: Literal[1, 2], low_ns: int, high_ns: int
     ) -> list[tuple[int, int]]:
-        """When TRIG_OUT_1 or TRIG_OUT_2 became active and inactive, of patterns of that time."""
+        """When TRIG_OUT_1 or TRIG_OUT_2 became active and inactive, for patterns of that interval.
+        """
         with self._lock:
             delays_us = self._registers.delays_us(number)
             return self.sequencer.list_pulses(number, low_ns, high_ns, delays_us)

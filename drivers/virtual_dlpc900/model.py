@@ -139,7 +139,7 @@ class VirtualDmdOptions:
     copies : a unit that can copy pixels from the line above.
     replies_kept : how many replies wait to be fetched; older ones are gone.
     least_dark_us : shortest dark time other than zero.
-    source_locked : whether there is a video signal that nobody feeds.
+    source_locked : whether the unit reports a video signal even without one.
     video_planes : colours that hold planes 0-7, 8-15 and 16-23 of a video picture.
     video_waits : what bit 7 of byte 5 of the first entry has to be in video-pattern mode: no table
         says whether the picture counts as a trigger there.

@@ -69,7 +69,7 @@ def compare_vblanks(projector: _Stamps, mask: _Stamps) -> VblankPhase | None:
 def measure_vblank_phase(name: str, panels: tuple[Rect, Rect]) -> VblankPhase | None:
     """Ask an X server about both outputs; takes a second.
 
-    None where it cannot tell. Raises DeviceLost when the server goes away.
+    None if the server cannot say. Raises DeviceLost when the server goes away.
     """
     found = _sample_windows(name, panels)
     return None if found is None else compare_vblanks(*found)
