@@ -50,8 +50,8 @@ _PR_SET_PDEATHSIG = 1
 
 
 def list_end_signals() -> list[signal.Signals]:
-    """Signals that ask this process to end; SIGHUP is not one of them where it is ignored (nohup).
-    """
+    """Signals that ask this process to end; SIGHUP is not one of them where it is ignored
+    (nohup)."""
     heard = signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
     return [signal.SIGTERM, signal.SIGINT, *([signal.SIGHUP] if heard else [])]
 

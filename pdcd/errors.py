@@ -215,7 +215,7 @@ def _said_by(error: BaseException) -> str:
     try:
         return str(error)[:_MOST_TOLD]
     except Exception:  # a foreign error whose text cannot even be made
-        return "it cannot be told"
+        return "it has no text"
 
 
 def _to_disk_error(error: OSError, device: str | None, what: str) -> PdcdError:

@@ -40,8 +40,8 @@ def write_stderr(text: str) -> None:
 
 
 def to_html(words: object) -> str:
-    """Any text as HTML that shows the text and does nothing else, also inside a quoted attribute.
-    """
+    """Any text as HTML that shows the text and does nothing else, also inside a quoted
+    attribute."""
     return html.escape(to_one_line(str(words)))
 
 

@@ -170,8 +170,8 @@ class DmdPanel:
             )
 
     def black(self) -> None:
-        """Show the plane without light, for ever, from any state; or check that it is still shown.
-        """
+        """Show the plane without light, for ever, from any state; or check that it is still
+        shown."""
         if self._is_black:
             if self.is_running():
                 return

@@ -111,8 +111,8 @@ class Dlpc900Display:
         )
 
     def _mask_lag_s(self) -> float | None:
-        """Lag of the mask that a calibration measured, if one edge starts both; None without one.
-        """
+        """Lag of the mask that a calibration measured, if one edge starts both; None without
+        one."""
         config = self._context.config
         skew_s = config.mask.skew_s - config.projector.skew_s
         if self._options.start == "software" or not skew_s:

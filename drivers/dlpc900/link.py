@@ -86,8 +86,8 @@ def list_devices(backend: object, *controllers: str) -> list[FoundDevice]:
 def choose_device(
     found: list[FoundDevice], wanted: str, role: str, kind: str = "DLPC900"
 ) -> FoundDevice:
-    """The device with this serial number, or on this port. kind : for messages. Raises DeviceLost.
-    """
+    """The device with this serial number, or on this port. kind : for messages. Raises
+    DeviceLost."""
     fitting = [one for one in found if wanted in (one.serial, one.port)]
     if len(fitting) == 1:
         return fitting[0]
@@ -195,8 +195,8 @@ class DeviceLink:
         return to_one_line(answer.partition(b"\0")[0].decode("ascii", "replace"))
 
     def _transact(self, flags: int, command: int, data: bytes) -> bytes | None:
-        """Send a command; returns the data of its answer if one is wanted, None if it was refused.
-        """
+        """Send a command; returns the data of its answer if one is wanted, None if it was
+        refused."""
         self._look()
         self._sequence = self._sequence % 255 + 1
         packet = pack_command(flags, self._sequence, command, data)

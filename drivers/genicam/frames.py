@@ -44,7 +44,7 @@ class FrameReceiver:
             self._last_id = None if buffer.status else buffer.frame_id
             logger.warning("frame of an earlier exposure thrown away id=%d", buffer.frame_id)
         raise ExposureError(
-            "frames come that nobody asked for, without end",
+            "frames keep coming without a request",
             device=CAMERA_DEVICE,
             hint="see that no other program or line triggers the camera",
         )

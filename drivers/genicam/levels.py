@@ -117,8 +117,8 @@ def find_byte_order(samples: Samples, bits: int) -> bool | None:
 
 
 def _is_torn(samples: Samples) -> bool:
-    """Whether bits next to the border of the two bytes are never set, but bits on both sides are.
-    """
+    """Whether bits next to the border of the two bytes are never set, but bits on both sides
+    are."""
     some = samples.ravel()[:: max(1, samples.size // _SOME)]
     if np.unique(some).size < _MANY:
         return False

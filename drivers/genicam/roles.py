@@ -108,8 +108,8 @@ class GenicamReadout:
         return cls(camera, config.camera)
 
     def connect(self) -> CameraInfo:
-        """Open the camera and return what it reports about itself. Raises DeviceLost, ConfigError.
-        """
+        """Open the camera and return what it reports about itself. Raises DeviceLost,
+        ConfigError."""
         device = self._camera.open(_READOUT)
         identity, cfa = device.identity, device.pixel_format.cfa
         return CameraInfo(

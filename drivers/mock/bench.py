@@ -222,7 +222,7 @@ class MockBench:
             return cells.repeat(per_cell, axis=0).repeat(per_cell, axis=1)
         if self.shared.pixels is not None:
             raise ExposureError(
-                "a display that looks at its own pixels stands before a bench of pixels",
+                "a bench of pixels cannot have a display that reads its own pixels (grab_px)",
                 device="camera",
                 hint="remove grab_px from display.options, or the truth and places of the bench, "
                 "and leave one quad a cell",

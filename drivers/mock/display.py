@@ -291,8 +291,8 @@ class MockDisplay:
         missed: NDArray[np.int32],
         again: NDArray[np.int64],
     ) -> FrameLog:
-        """The log of refreshes (2, V, planes) as rows; a picture counts as often as it was shown.
-        """
+        """The log of refreshes (2, V, planes) as rows; a picture counts as often as it was
+        shown."""
         count, planes = sent.shape[1:]
         spare = count * planes - asked.shape[1]  # unasked planes of the last picture
         number = np.repeat(np.arange(count), 1 + again)

@@ -279,8 +279,8 @@ class EosCamera(Told):
             )
 
     def tick(self) -> None:
-        """Sign of life, from the thread that keeps the camera awake; a busy camera is left alone.
-        """
+        """Sign of life, from the thread that keeps the camera awake; a busy camera is left
+        alone."""
         session = self.session
         if not session.lock.acquire(blocking=False):
             return
@@ -335,8 +335,8 @@ class EosCamera(Told):
 
     @property
     def _is_given_up(self) -> bool:
-        """Whether an exposure may still go on whose end is no longer awaited, as it took too long.
-        """
+        """Whether an exposure may still go on whose end is no longer awaited, as it took too
+        long."""
         by_ns, since_ns = self._close_by_ns, self.bulb.since_ns
         return by_ns is not None and since_ns is not None and self.clock.now_ns() >= by_ns
 

@@ -93,8 +93,8 @@ def store_photo(
 def _copy(
     camera: EosCamera, photo: ObjectAdded, write: Callable[[memoryview], object]
 ) -> str | None:
-    """Pass all bytes to `write`, block by block; returns their SHA-256, None for an unknown object.
-    """
+    """Pass all bytes to `write`, block by block; returns their SHA-256, None for an unknown
+    object."""
     info, renewed = camera.session.info, camera.session.renewed
     standard = info is not None and info.supports(Operation.GET_PARTIAL_OBJECT)
     read = Operation.GET_PARTIAL_OBJECT if standard else Operation.EOS_GET_PARTIAL_OBJECT

@@ -152,8 +152,8 @@ class PtpReadout:
         )
 
     def _stored(self, photo: ObjectAdded, path: Path) -> RawFile | None:
-        """`store_photo`; a photo that cannot be fetched is thrown away, now or by the next `arm`.
-        """
+        """`store_photo`; a photo that cannot be fetched is thrown away, now or by the next
+        `arm`."""
         camera = self._camera
         try:
             self._same_session()

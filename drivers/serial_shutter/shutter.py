@@ -103,8 +103,8 @@ class SerialShutter:
         }
 
     def expect_exposure(self, exposure_s: float, longest_s: float) -> None:
-        """Let the watchdog end the next exposure after `longest_s`, not only at the overall limit.
-        """
+        """Let the watchdog end the next exposure after `longest_s`, not only at the overall
+        limit."""
         self._longest_s = min(longest_s, self._limit_s)
 
     def open(self) -> int:

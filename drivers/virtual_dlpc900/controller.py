@@ -293,8 +293,8 @@ class VirtualDlpc900(ReportController):
     def list_pulses(
         self, number: Literal[1, 2], low_ns: int, high_ns: int
     ) -> list[tuple[int, int]]:
-        """When TRIG_OUT_1 or TRIG_OUT_2 became active and inactive, for patterns of that interval.
-        """
+        """When TRIG_OUT_1 or TRIG_OUT_2 became active and inactive, for patterns of that
+        interval."""
         with self._lock:
             delays_us = self._registers.delays_us(number)
             return self.sequencer.list_pulses(number, low_ns, high_ns, delays_us)

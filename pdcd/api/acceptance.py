@@ -185,7 +185,7 @@ def make_place_row(look: PanelLook | None, said: Iterable[VerdictFinding]) -> Ac
     look : the result of photos of blocks on both panels, None where none were wanted. said : what
         the verdict says about places; it is no fault that no photos were taken to look.
     """
-    check, limit = "places of the panels", "as the verdict of a photo has it"
+    check, limit = "places of the panels", "as in the verdict of a photo"
     wrong = [
         one for one in said if one.grade > Grade.REMARK and one.cause is not Cause.NOBODY_LOOKED
     ]
@@ -228,7 +228,7 @@ def _light_rows(config: Config, run: Run) -> Iterator[AcceptanceRow]:
     off = float(np.quantile(white, 0.9)) / albedo - 1.0
     yield _row(
         "brightness of the card", abs(off) <= SCALE_OFF,
-        f"{to_percent(off)} off its albedo of {albedo:g}", f"within {to_percent(SCALE_OFF)}",
+        f"{to_percent(off)} from its albedo of {albedo:g}", f"within {to_percent(SCALE_OFF)}",
         "clean the lens and its stops; run pdcd calibrate light",
     )  # fmt: skip
     share = _rms(indirect) / _rms(white)

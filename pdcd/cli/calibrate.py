@@ -167,7 +167,7 @@ def _say_end(result: CaptureResult) -> int:
     verdict = str(result.summary.get("verdict"))
     used = "in use" if result.summary.get("used") else "not used: pdcd calibrate list says why"
     if verdict == "bad":
-        used += "; what is bad is left out: mend it, and calibrate again"
+        used += "; bad steps are left out: mend them, and calibrate again"
     say_table(
         [
             ["verdict", f"{verdict}, {used}"],

@@ -32,8 +32,8 @@ def takes(mode: FigureMode) -> dict[str, FigureTake]:
 
 
 def shown(mode: FigureMode, photos: Photos) -> Iterator[FigurePlot | BoundedNumber]:
-    """Every number that the appendix prints, and the same with less light and with better sensors.
-    """
+    """Every number that the appendix prints, and the same with less light and with better
+    sensors."""
     yield _over_time()
     yield _over_noise()
     yield from map(_number_of, compute_appendix_rows())

@@ -136,8 +136,8 @@ def measure_direct_left(photo: FigurePhoto, disparity: float) -> float:
 def _front(
     grid: GridShape, disparity: float, colours: int = 3
 ) -> tuple[NDArray[np.bool_], Array, Array]:
-    """Cells (N,) that see the lit front and whose neighbours do, too; direct and all light (N, C).
-    """
+    """Cells (N,) that see the lit front and whose neighbours do, too; direct and all light (N,
+    C)."""
     options = {"disparity": disparity, "painted": True}
     scene = build_scene(SceneConfig(kind=BOX_SCENE, grid=grid, options=options))
     lit = np.ones((1, scene.cells))

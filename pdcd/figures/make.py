@@ -166,8 +166,8 @@ _making = threading.Lock()
 
 
 def _begin(unwanted: Event) -> None:
-    """Set up a process of the pool: it ignores interrupts, as its parent handles them and ends it.
-    """
+    """Set up a process of the pool: it ignores interrupts, as its parent handles them and ends
+    it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _unwanted.append(unwanted)
     threading.Thread(target=_end_with_parent, args=(unwanted,), daemon=True).start()

@@ -133,8 +133,8 @@ def _leave(left: int, entered: int) -> int:
 
 
 def _find_above(at: int, wanted: os.stat_result) -> int:
-    """Descriptor of the folder above an open one. Raises DiskError unless it is the `wanted` one.
-    """
+    """Descriptor of the folder above an open one. Raises DiskError unless it is the `wanted`
+    one."""
     up = system.open("..", _FOLDER, dir_fd=at)
     if os.path.samestat(system.fstat(up), wanted):
         return up

@@ -148,8 +148,8 @@ def check_regular(found: os.stat_result) -> None:
 
 
 def _sure(descriptor: int) -> int:
-    """The descriptor, if it is still that of a regular file: names can change between two checks.
-    """
+    """The descriptor, if it is still that of a regular file: names can change between two
+    checks."""
     try:
         check_regular(system.fstat(descriptor))
     except BaseException:

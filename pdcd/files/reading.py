@@ -56,8 +56,8 @@ def open_file(path: Path | str) -> Iterator[int]:
 
 
 def read_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> bytes:
-    """All bytes of a regular file that somebody else named. Raises Unsound, also if it is longer.
-    """
+    """All bytes of a regular file that somebody else named. Raises Unsound, also if it is
+    longer."""
     with open_file(path) as descriptor:
         return read_descriptor(descriptor, most_bytes, alive)
 

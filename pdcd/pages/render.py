@@ -74,8 +74,8 @@ def _environment() -> Environment:
 
 
 def _visible(value: object) -> object:
-    """A value as one line of text with invisible characters escaped; markup of templates as it is.
-    """
+    """A value as one line of text with invisible characters escaped; markup of templates as it
+    is."""
     return value if hasattr(value, "__html__") else to_one_line(str(value))
 
 

@@ -152,7 +152,7 @@ def list_level_findings(
         return found
     told = str(levels)
     if not told:
-        return [Finding(f"{role} levels", "unknown", f"{output}: the server tells nothing of them")]
+        return [Finding(f"{role} levels", "unknown", f"{output}: the server does not report them")]
     return [Finding(f"{role} levels", "good", f"{output}: as they are drawn ({told})")]
 
 
@@ -173,7 +173,7 @@ def _outcome(ramp: _Ramp, state: _State) -> str:
     came = parts[0]
     if len(set(parts)) > 1:
         came = f"red {parts[0]}; green {parts[1]}; blue {parts[2]}"
-    harm = "grey levels give other light than is thought"
+    harm = "grey levels give other light than assumed"
     if state == "fault":
         harm = "codes are not shown as they are; a night light or a colour profile sets such ramps"
     return f"levels {', '.join(map(str, _SHOWN))} come out as {came}: {harm}"

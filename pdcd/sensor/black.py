@@ -157,7 +157,7 @@ def find_lit_border(
     rough = bool(np.any(spread > _ROUGH_SHARE * span))
     high = bool(np.any(black > _HIGH_SHARE * white) or np.any(np.abs(away) > _LIT_SHARE))
     if above or rough or high:
-        why = "is as bright as the picture" if above else "is no dark one"
+        why = "is as bright as the picture" if above else "is not dark"
         return True, (
             f"the masked border {why} ({_level(black)} DN beside {_level(said)} DN by the tags); "
             "black is that of the tags"

@@ -132,8 +132,8 @@ def read_dng_form(tags: TiffTags, name: str) -> DngForm | None:
 
 
 def make_packed(name: str, what: str) -> DecodeError:
-    """The error for a whole file whose samples are packed in a way that is not read; for readers.
-    """
+    """The error for a whole file whose samples are packed in a way that is not read; for
+    readers."""
     return DecodeError(
         f"cannot decode {name}: it is packed with {what}, which nothing here reads", hint=_REPACK
     )
@@ -167,8 +167,8 @@ def describe_mosaic(pattern: str, columns: int) -> tuple[str, str]:
 
 
 def _find_mosaic(tags: TiffTags, name: str) -> TiffDirectory:
-    """The directory of the full-size mosaic, or grey plane. Raises DecodeError where there is none.
-    """
+    """The directory of the full-size mosaic, or grey plane. Raises DecodeError where there is
+    none."""
     full = [found for found in tags.directories if not _one(found, tiff.SUBFILE_TYPE, 0)]
 
     def size(found: TiffDirectory) -> tuple[int, int]:
@@ -315,5 +315,5 @@ def _one(found: TiffDirectory, tag: int, otherwise: int) -> int:
 
 def _contradiction(name: str, what: str) -> DecodeError:
     return DecodeError(
-        f"cannot decode {name}: it tells of {what}", hint="fetch it from the camera again"
+        f"cannot decode {name}: it states {what}", hint="fetch it from the camera again"
     )

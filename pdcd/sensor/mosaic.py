@@ -135,8 +135,8 @@ def open_raw(data: bytes, name: str) -> Iterator[RawInput]:
 
 
 def find_quad_side(colours: str) -> int:
-    """Samples along a side of one pixel: 2 for a quad of colours, 1 for a sensor without colours.
-    """
+    """Samples along a side of one pixel: 2 for a quad of colours, 1 for a sensor without
+    colours."""
     return 2 if colours else 1
 
 
@@ -223,7 +223,7 @@ def _read_sensor(raw: RawInput) -> tuple[NDArray[np.generic], tuple[str, ...]]:
                 hint="take the RAW file of the camera",
             )
         return sensor, ()
-    said = "LibRaw reads other samples than lie in the file; those in the file are taken"
+    said = "LibRaw's samples differ from those in the file; the file's own are used"
     return read_samples(data, form, raw.name), (said,)
 
 
@@ -318,7 +318,7 @@ def _of_dng(raw: RawInput, form: DngForm, sensor: NDArray[np.generic]) -> Mosaic
         black = libraw_black
     if black.max() >= form.white:
         raise DecodeError(
-            f"cannot decode {raw.name}: it tells of black at {black.max():g} DN and white at "
+            f"cannot decode {raw.name}: it states black at {black.max():g} DN and white at "
             f"{form.white:g} DN",
             hint="fetch it from the camera again",
         )

@@ -64,9 +64,7 @@ def check_pieces(data: bytes, form: DngForm, name: str) -> tuple[str, ...]:
             if piece.size < least:
                 raise _absent(name, f"{said}, {least} are needed")
             if piece.size - least >= max(piece.needed[0], _FEW_BYTES):  # one more a row
-                odd = (
-                    odd or f"{said}, its samples take {least}: are rows or samples wider than told?"
-                )
+                odd = odd or f"{said}, its samples take {least}: are rows or samples too wide?"
         if form.packing in JPEG:
             check_lossless_jpeg(
                 data[piece.offset : piece.offset + piece.size],

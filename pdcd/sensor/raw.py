@@ -358,7 +358,7 @@ def _with_clipped_samples(frame: RawFrame) -> RawFrame:
     least = _CLIPPED_TIMES * int(np.count_nonzero(frame.samples == next_lower))
     if np.count_nonzero(clipped) < max(_FEWEST_CLIPPED, least):
         return frame
-    said = f"samples end at {most:g}, below white {frame.white:g}: these are saturated"
+    said = f"samples end at {most:g}, below white {frame.white:g}: these count as saturated"
     return replace(frame.without(clipped.any(axis=0)), doubts=(*frame.doubts, said))
 
 

@@ -298,8 +298,8 @@ async def _read_body(
 
 
 def _name_reason(run: ShelfRun) -> ShelfRun:
-    """The run, with the reason of its failure in words of the page; text by people stays as it is.
-    """
+    """The run, with the reason of its failure in words of the page; text by people stays as it
+    is."""
     if run.entry is None or run.entry.reason is None:
         return run
     entry = msgspec.structs.replace(run.entry, reason=name_fields(run.entry.reason))

@@ -50,7 +50,7 @@ class BrowserAuth:
         """Refuse a request for another host, such as a foreign name that resolves to this machine.
         Raises Refusal."""
         if request.headers.getall("Host", []) != [self.host]:
-            raise Refusal(403, "another host is meant")
+            raise Refusal(403, "the request is for another host")
 
     def check_token(self, request: web.Request) -> None:
         """Refuse a request without the token. Raises Refusal."""

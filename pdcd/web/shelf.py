@@ -53,8 +53,8 @@ class ShelfRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunShelf:
-    """The runs below a state folder. All methods read the disk: do not call them in an event loop.
-    """
+    """The runs below a state folder. All methods read the disk: do not call them in an event
+    loop."""
 
     def __init__(self, state: Path) -> None:
         self._state = state

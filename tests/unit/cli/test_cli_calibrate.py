@@ -77,7 +77,7 @@ def test_every_figure_of_a_calibration_is_printed_with_its_limit(
 @pytest.mark.parametrize(
     ("state", "verdict", "code", "words"),
     [
-        ("done", "bad", 5, "bad, in use; what is bad is left out: mend it, and calibrate again"),
+        ("done", "bad", 5, "bad, in use; bad steps are left out: mend them, and calibrate again"),
         ("done", "doubtful", 0, "doubtful, in use"), ("failed", "bad", 5, None),
         ("cancelled", "good", 130, None),
     ],

@@ -149,7 +149,7 @@ def test_samples_that_end_below_white_are_saturated(
     samples.ravel()[: 7 * count : 7] = end
     frame = read_raw(own(tmp_path / "a.dng", samples))
     assert np.array_equal(frame.saturated, (samples == end) & ends)
-    said = ("samples end at 4080, below white 4095: these are saturated",)
+    said = ("samples end at 4080, below white 4095: these count as saturated",)
     assert frame.doubts == said * ends and frame.white == 4095.0
 
 

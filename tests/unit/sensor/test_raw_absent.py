@@ -349,4 +349,4 @@ def test_what_lies_in_the_file_counts_where_the_decoder_says_otherwise(
     frame = read_raw(tmp_path / "a.dng")
     assert np.array_equal(frame.planes[0], NOISE[::2, ::2].astype(np.float32) - 256)
     assert np.array_equal(frame.planes[2], NOISE[1::2, ::2].astype(np.float32) - 256)
-    assert frame.doubts[0].startswith("LibRaw reads other samples")
+    assert frame.doubts[0].startswith("LibRaw's samples differ")

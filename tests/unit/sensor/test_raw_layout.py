@@ -219,7 +219,7 @@ def test_samples_that_end_at_fewer_bits_than_told_are_saturated(tmp_path: Path, 
     frame = read_raw(tmp_path / "a.dng")
     wanted = (planes(lit) == top - BLACK).any(axis=0)
     assert 500 < wanted.sum() and np.array_equal(frame.saturated, wanted)
-    assert frame.doubts == (f"samples end at {top}, below white 65535: these are saturated",)
+    assert frame.doubts == (f"samples end at {top}, below white 65535: these count as saturated",)
 
 
 @pytest.mark.parametrize(

@@ -40,8 +40,8 @@ DARK = 0, 0, 128, 16
         ((0, 9, 128, 2), 260.0, 256.0, "lie beyond the file"),
         ((0, 0, 128), 260.0, 256.0, "are not four numbers"),
         (DARK, 2100.0, 256.0, "as bright as the picture"),
-        (DARK, 700.0, 256.0, "is no dark one"),
-        (DARK, 40.0, 256.0, "is no dark one"),
+        (DARK, 700.0, 256.0, "is not dark"),
+        (DARK, 40.0, 256.0, "is not dark"),
         ((*DARK, 0, 20, 100, 40), 260.0, 260.0, "lie in the picture"),
     ],
 )

@@ -107,7 +107,7 @@ SCARCE = "try again in a moment; if it stays, raise LimitNOFILE or give it more 
          ("busy", "the system has nothing left: too many", SCARCE), "method failed"),
         (OSError(errno.EIO, "of a device"),
          ("internal", f"OSError: [Errno {errno.EIO}] of a device", OURS), "method failed"),
-        (UntoldError(), ("internal", "UntoldError: it cannot be told", OURS), "method failed"),
+        (UntoldError(), ("internal", "UntoldError: it has no text", OURS), "method failed"),
         (MemoryError(), ("busy", "the system has nothing left: out of memory", SCARCE),
          "method failed"),
         (FileNotFoundError(errno.ENOENT, "gone", "a/b"),
