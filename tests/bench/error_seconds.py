@@ -103,7 +103,9 @@ def _request(way: str, seconds: float) -> CaptureRequest:
     if way not in RIVALS:
         codes = round(refreshes / 3)
         family = msgspec.convert(way, FamilyName)
-        return CaptureRequest(goal="indirect", codes=codes, family=family, white=False)
+        return CaptureRequest(
+            goal="indirect", codes=codes, family=family, white=False, pilot=0, parts=1
+        )
     asked = {"goal": "indirect", "method": way, "white": False, "guards": False}
     asked["codes"] = min(round(refreshes), MOST_PHOTOS)
     return msgspec.convert({**asked, "exposure_s": seconds}, CaptureRequest)

@@ -66,7 +66,7 @@ def _asked(scene: str, count: int, way: str) -> CaptureRequest | None:
     if way == COINS:
         return msgspec.structs.replace(base, family="bernoulli")
     if way == NONE:
-        return base
+        return msgspec.structs.replace(base, pilot=0)
     if way == PRIOR:
         file = str(ROOT / "tests" / "data" / f"{scene}.npz")
         known = file if Path(file).exists() else f"scene:{scene}"
