@@ -155,7 +155,7 @@ def smallest_cell_px(meeting: MaskAlignment) -> float:
 
 
 def find_cell_below_leak(meeting: MaskAlignment, most_leak: float) -> float:
-    """Side of the smallest cell that leaks at most ``most_leak`` by half windows, in projector
+    """Side of the smallest cell that leaks at most ``most_leak`` by quarter windows, in projector
     pixels, in steps of 1/64 px; infinite where none up to `_LARGEST_PX` does."""
     cells = np.arange(_STEP_PX, _LARGEST_PX + _STEP_PX, _STEP_PX)
     too_much = np.flatnonzero(compute_bench_leak(meeting, cells, HALF) > most_leak)
@@ -165,13 +165,13 @@ def find_cell_below_leak(meeting: MaskAlignment, most_leak: float) -> float:
 
 @dataclass(frozen=True)
 class CellSizeRow:
-    """One line of the table: a cell, and its leak with whole cells and with half windows."""
+    """One line of the table: a cell, and its leak with whole cells and with quarter windows."""
 
     cell_px: float
     whole: float
     half: float
     keeps_guard: bool
-    """Whether half windows leave the guard that the bench needs."""
+    """Whether quarter windows leave the guard that the bench needs."""
 
 
 def list_cell_leaks(meeting: MaskAlignment) -> list[CellSizeRow]:
@@ -188,17 +188,17 @@ def format_cell_leaks(meeting: MaskAlignment) -> list[str]:
     lines = [
         f"offset {meeting.e95_px:.2f} px, blur {meeting.blur_px:.2f} px: a guard of "
         f"{meeting.guard_px:.2f} px is needed",
-        f"{'cell':>8} {'whole cells':>12} {'half windows':>13}",
+        f"{'cell':>8} {'whole cells':>12} {'quarter windows':>15}",
     ]
     for row in list_cell_leaks(meeting):
         mark = "" if row.keeps_guard else "  guard too small"
         lines.append(
-            f"{row.cell_px:>5g} px {100 * row.whole:>10.2f} % {100 * row.half:>11.2f} %{mark}"
+            f"{row.cell_px:>5g} px {100 * row.whole:>10.2f} % {100 * row.half:>13.2f} %{mark}"
         )
     smallest = smallest_cell_px(meeting)
     at_most = 100 * float(compute_bench_leak(meeting, smallest, HALF)) if smallest > 0.0 else 0.0
     lines.append(
-        f"smallest cell with half windows: {smallest:.2f} px, which leaks {at_most:.2f} % of "
+        f"smallest cell with quarter windows: {smallest:.2f} px, which leaks {at_most:.2f} % of "
         "direct light"
     )
     return lines

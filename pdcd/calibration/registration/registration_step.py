@@ -201,7 +201,7 @@ def _figures(
 
 
 def _leaks(meeting: MaskAlignment) -> list[MeasuredFigure]:
-    """What cells of some sizes leak with half windows."""
+    """What cells of some sizes leak with quarter windows."""
     return [
         MeasuredFigure(f"leak_{row.cell_px:g}px", row.half, 0.0, "")
         for row in list_cell_leaks(meeting)
@@ -227,7 +227,7 @@ def _advice(
     if smallest > code_cell_px(config):
         said.append(
             f"cells of {code_cell_px(config):.3g} px are too small for this bench, which needs "
-            f"{smallest:.1f} px with half windows: use a coarser grid, or focus better"
+            f"{smallest:.1f} px with quarter windows: use a coarser grid, or focus better"
         )
     return tuple(said)
 
