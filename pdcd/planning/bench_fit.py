@@ -86,7 +86,8 @@ MOST_AUTO_CELLS = 256 * 192
 
 def with_grid(config: Config) -> Config:
     """The configuration with "auto" cells worked out: as small as quarter windows allow, with a
-    leak below `MOST_LEAK`. Where nothing was measured, the scene's cells or the usual ones are taken."""
+    leak below `MOST_LEAK`. Where nothing was measured, the scene's cells are taken, or the usual
+    ones."""
     if config.schedule.grid != "auto":
         return config
     schedule = msgspec.structs.replace(config.schedule, grid=_auto_grid(config))
