@@ -168,8 +168,8 @@ def test_a_value_that_the_configuration_cannot_have_is_refused(values: dict[str,
         ("trigger.lag_s", 1e300, "more than 60 seconds"),
         ("mask.lut", [0.0, 0.9, 0.1, 1.0], "light must rise"),
         ("projector.field_px", [1000, 700, 1024, 768], "are no part of the projector's"),
-        ("limits.min_free_bytes", 0, "of no bench: limits"),
-        ("server.allow_uids", [1], "of no bench: server"),
+        ("limits.min_free_bytes", 0, "limits.min_free_bytes is no value"),
+        ("server.allow_uids", [1], "server.allow_uids is no value"),
     ],
 )
 def test_a_calibration_may_have_no_value_that_a_configuration_may_not_have(

@@ -188,7 +188,7 @@ def test_without_somebody_to_cover_the_lens_room_and_black_are_one() -> None:
     assert not found.asked and not any(wanted.covered for wanted in found.wanted)
     out = found.outcome
     assert out is not None
-    told = [text for text in out.advice if "were not told apart" in text]
+    told = [text for text in out.advice if "could not be separated" in text]
     assert len(told) == 1 and "cover the projector's lens" in told[0]
     # What the room gives counts as the projector's black.
     contrast = out.words["projector.contrast"].value

@@ -99,7 +99,7 @@ def test_what_codes_err_by_is_worked_out_of_them(count: int) -> None:
     """Coins leave a variance of (S^2 + 2 Q) / K, with the 50 paths that are guessed."""
     bits = np.random.default_rng(count).random((count, *GRID)) < 0.5
     (line,) = (text for text in plan_own(bits, ~bits).reasons if text.startswith("codes: "))
-    told = float(line.split("err by ")[1].split(" %")[0])
+    told = float(line.split("error is ")[1].split(" %")[0])
     assert told == pytest.approx(100.0 * np.sqrt((1.0 + 2.0 / 50.0) / count), rel=0.15)
 
 

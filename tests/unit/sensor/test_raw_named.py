@@ -76,7 +76,7 @@ def test_a_border_with_a_picture_on_it_is_not_dark(tmp_path: Path) -> None:
     file = replace(PLAIN, active=(0, 16, *SHAPE), masked=DARK)
     write_dng_form(tmp_path / "a.dng", image, file)
     frame = read_raw(tmp_path / "a.dng")
-    assert not frame.masked and "no dark one" in frame.doubts[0]
+    assert not frame.masked and "not dark" in frame.doubts[0]
 
 
 # Forms that are named.

@@ -75,7 +75,7 @@ def test_a_blur_counts_by_what_it_does_to_the_answer(
     found = judge_mask_blur(blurred, blurred.blur_px, 1.5, LostDirectLight(lost, lost), share)
     assert [one.grade for one in found] == ([] if grade is None else [grade])
     for one in found:
-        assert "by 8.2 px" in one.text and "by 1.5 px" in one.text
+        assert "by 8.2 px" in one.text and "by the 1.5 px" in one.text
 
 
 def test_blocks_that_are_not_seen_and_a_camera_that_looks_elsewhere_are_doubtful() -> None:
