@@ -52,7 +52,7 @@ def make_error_budget(
         return ()
     if deviations is None:
         deviations = decoded.deviations()
-    seen = Evidence(record, record.cells, decoded, deviations)
+    seen = Evidence(record, decoded.cells, decoded, deviations)
     light = compute_rms(_known(seen, decoded.answer.image))
     rows = [
         ErrorRow(name, share, None if share is None else share * light, source)
@@ -79,9 +79,11 @@ def _list_causes(seen: Evidence, light: float) -> Iterator[tuple[str, float | No
     yield "maps", *_maps(seen, light)
     yield "timing", *_timing(seen, light)
     yield "codes", *_codes(seen, light)
+    # Squares of quads have less noise than the quads they are means of.
+    noise = seen.decoded.side * compute_rms(_known(seen, seen.decoded.answer.sensor))
     yield (
         "noise",
-        _over(compute_rms(_known(seen, seen.decoded.answer.sensor)), light),
+        _over(noise, light),
         (
             f"photons and read noise by sensor profile {record.profile.name}"
             + (", an estimate" if record.profile.estimated else "")

@@ -13,6 +13,7 @@ from pdcd.capture.engine import Engine
 from pdcd.pages.report import layers
 from pdcd.pages.report.layers import AnswerTruth
 from pdcd.pages.report.packing import block_size_bytes
+from pdcd.pages.report.write import write_report
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
 from pdcd.pictures.darkroom import Darkroom
@@ -21,6 +22,7 @@ from pdcd.pictures.truth import read_known_answer
 from pdcd.pictures.upright import FieldSampler, FieldView
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
+from pdcd.verdict.error_budget import make_error_budget
 from tests import bench_rig
 
 LARGE = 1424, 2136
@@ -113,3 +115,7 @@ def test_a_page_of_squares_of_quads_shows_what_one_of_all_quads_does(
         assert abs(off.mean()) < 2e-3 * one.image[both].mean()
         # Where it is dark, samples below black widen the error bars of single quads a little.
         assert np.median(other.sigma[both] / one.sigma[both]) == pytest.approx(1.0, abs=0.1)
+    rows = [{row.name: row.share for row in make_error_budget(record, d)} for d in (fine, coarse)]
+    assert rows[1]["noise"] == pytest.approx(rows[0]["noise"], rel=0.1)
+    assert rows[1]["all"] == pytest.approx(rows[0]["all"], rel=0.15)
+    assert write_report(folder).stat().st_size > 10_000
