@@ -98,7 +98,7 @@ def measure_help(repeats: int) -> float:
 
 
 def _request(count: int, window: str) -> CaptureRequest:
-    values = {"goal": "indirect", "codes": count, "window": window}
+    values = {"goal": "indirect", "codes": count, "window": window, "pilot": 0, "parts": 1}
     return msgspec.convert(values, CaptureRequest)
 
 

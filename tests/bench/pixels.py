@@ -74,7 +74,7 @@ def run(*, quick: bool, folder: Path) -> Section:
     return Section(
         title="The camera's own pixels",
         text=(
-            f"The scene `{SCENE}` with all its detail before a camera whose pixels no cell of "
+            f"The scene `{SCENE}` with all its detail in front of a camera whose pixels no cell of "
             "64x48 divides where it is turned by 2 degrees and bent. The first photo computes what "
             "every pixel sees; the next ones, driven in the same way, use it again. From RAW files "
             "to pictures is everything: read, decoded, error bars, linear files, previews. It is "
@@ -125,7 +125,9 @@ def take(frame: tuple[int, int], place: str, folder: str) -> dict[str, Any]:
         taken.setdefault(driven, []).append(time.perf_counter() - begun_s)
         return found
 
-    request = CaptureRequest(goal="indirect", codes=COUNT, window="quarter", seed=1)
+    request = CaptureRequest(
+        goal="indirect", codes=COUNT, window="quarter", seed=1, pilot=0, parts=1
+    )
     with pytest.MonkeyPatch.context() as patch, started(config_of(frame, place)) as engine:
         patch.setattr(OpticalBench, "photo", timed_photo)
         result = capture_with(engine, request, Path(folder), "pixels")
