@@ -276,8 +276,8 @@ def _old(record: Calibration, table: CalibrationConfig) -> Iterator[str]:
     days = compute_age_days(record)
     if math.isnan(days) or days < -_DAY:
         yield (
-            f"calibration {record.name} has the date {to_one_line(record.finished_utc)!r}, which "
-            "is not in the past: set the clock of this machine, or calibrate again"
+            f"calibration {record.name} is dated {to_one_line(record.finished_utc)!r}, which is no "
+            "date in the past: set the clock of this machine, or calibrate again"
         )
     elif days > table.max_age_days:
         yield (
