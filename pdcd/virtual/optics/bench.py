@@ -34,7 +34,6 @@ from pdcd.virtual.optics.lookup import (
     MOST_PAIRS,
     HistoryTables,
     is_sparse,
-    list_all_pairs,
     render_by_lookup,
 )
 from pdcd.virtual.optics.own_cells import CLOSED, FIELD_EDGE, OwnCells, find_own_cells
@@ -147,7 +146,8 @@ class OpticalBench:
     def _whole(
         self, exposure: PanelExposure, lit: SiteKind, opened: SiteKind
     ) -> HistoryTables | None:
-        """The tables of all pairs of histories; None where there are too many pairs."""
+        """The tables of all pairs of histories; None where there are too many pairs. What is sent
+        is divided by the means of textures."""
         projector, spread = self._lit(lit)
         truth, true = self.truth, self.true
         mask = PanelSites(self._setting.drawn.mask, opened, truth.mask, true.mask)
@@ -159,14 +159,15 @@ class OpticalBench:
             return None
         light = primal.spread(spread)
         products = Products(true, primal, dual, exposure, light, effects)
-        indirect = list_all_pairs(count, cells if effects else 0)
-        tables = products.tables(list_all_pairs(count, len(primal)), indirect)
+        tables, means = products.all_tables(), self._means
+        if effects and means is not None:
+            tables.indirect[:] /= means[1]  # in place: it is the largest table of all
         return HistoryTables(
             mask=dual.of[mask.image].astype(np.int32),
             projector=primal.of[projector.image].astype(np.int32),
             beside=int(dual.of[0]),
-            seconds=tables.direct.reshape(count, -1),
-            sent=tables.indirect.reshape(count, cells, 3) if effects else None,
+            seconds=tables.direct,
+            sent=tables.indirect if effects else None,
             open_s=tables.open_s,
             uneven=self._uneven,
         )
@@ -177,8 +178,6 @@ class OpticalBench:
         direct, means = compute_direct_albedo(self._scene.effects, self._scene.cells), self._means
         if means is not None:
             direct = direct / means[0]
-            if whole.sent is not None:
-                whole = replace(whole, sent=whole.sent / means[1])
         scene = (direct,) if room is None else (direct, room)
         textures = self._scene.textures
         setting = self._setting if finely else self._of_pixels

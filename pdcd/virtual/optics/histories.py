@@ -46,10 +46,11 @@ class Histories:
             level = np.where(pixels >= 0, shown[pixels], np.uint8(0))
             levels.append(level)
             if most * _LEVELS > KEY_LIMIT:
-                found, key = np.unique(key, return_inverse=True)
-                most = found.size
+                most, key = _number_anew(key)
             key, most = key * _LEVELS + level, most * _LEVELS
-        _, first, of = np.unique(key, return_index=True, return_inverse=True)
+        count, of = _number_anew(key)
+        first = np.empty(count, dtype=np.int64)
+        first[of[::-1]] = np.arange(of.size)[::-1]
         # In the order of the sites, so that each band's histories lie together.
         order = np.argsort(sites.band[first], kind="stable")
         first = first[order]
@@ -84,3 +85,9 @@ class Histories:
         ones = np.ones(self.of.size)
         together = scipy.sparse.csr_array((ones, (self.of, each)), shape=(len(self), self.of.size))
         return scipy.sparse.csr_array(together @ sites)
+
+
+def _number_anew(key: _Numbers) -> tuple[int, _Numbers]:
+    """How many different keys there are, and the number of each key among them, in their order."""
+    found = np.unique(key)
+    return found.size, np.searchsorted(found, key)

@@ -17,12 +17,11 @@ from pdcd.arrays import Floats
 from pdcd.panels.draw import WHITE_BYTE
 from pdcd.panels.frames import Frames
 from pdcd.panels.patterns import read_pattern_bytes
-from pdcd.virtual.optics.products import SitePairs
 from pdcd.virtual.optics.setting import OpticalSetting
 from pdcd.virtual.optics.sights import CameraSamples, CellGrid, pick_pixel_values
 from pdcd.virtual.scene.texture import sample_texture
 
-MOST_PAIRS = 1 << 21
+MOST_PAIRS = 1 << 22
 """Largest table of pairs that is made."""
 _SPARSE = 1.0 / 64.0
 """Below this share of lit and open paths between pixels of both panels, pictures are sparse."""
@@ -50,11 +49,6 @@ class HistoryTables:
     uneven: Floats | None
 
 
-def list_all_pairs(first: int, second: int) -> SitePairs:
-    """All pairs of `first` mask histories and `second` other things, in the order of a table."""
-    return SitePairs(np.repeat(np.arange(first), second), np.tile(np.arange(second), first))
-
-
 def render_by_lookup(
     setting: OpticalSetting,
     looks: CameraSamples,
@@ -70,38 +64,38 @@ def render_by_lookup(
         from place to place; the reflection and `whole.sent` are then divided by their means.
     """
     (rows, cols), per_quad = setting.frame, setting.samples
-    plain, nothing = CellGrid(cells.grid, smooth=False), np.zeros((1, 3))
-    reflected, *ambient = (_grey(np.append(part, nothing, axis=0)) for part in scene)
+    reflected, *ambient = (_grey(part) for part in scene)
     # One more history of the projector, for what lies beside it: that is never lit.
     seconds = np.append(whole.seconds, np.zeros((len(whole.seconds), 1)), axis=1)
     unlit = seconds.shape[1] - 1
-    sent = None
-    if whole.sent is not None:
-        sent = np.append(whole.sent, np.zeros((len(whole.sent), 1, 3)), axis=1)
-    colours = 3 if sent is not None or textures is not None else reflected.shape[1]
+    of_textures = textures or (None, None)
+    corners = cells.corners
+    colours = 3 if whole.sent is not None or textures is not None else reflected.shape[1]
     image = np.empty((rows, cols, 3))
     for chunk in looks.chunks():
         x, y = looks.on_field(chunk)
         before = pick_pixel_values(whole.mask, looks.mask_pixels(chunk), missing=whole.beside)
+        open_s = whole.open_s[before]
         light = np.zeros((x.size, colours))
         for number, tap in enumerate(setting.taps):
             at = looks.lit_pixels(chunk, number)
             behind = pick_pixel_values(whole.projector, at, missing=unlit)
-            lit = seconds[before, behind] * tap.share
+            lit = seconds[before, behind]
             if whole.uneven is not None:
                 lit *= pick_pixel_values(whole.uneven, at, missing=0.0)
-            places = np.stack([x + tap.offset[0], y + tap.offset[1]], axis=-1)
-            here = _Here.of(cells, places)
-            direct = lit[:, None] * here.mean(reflected)
-            light += direct if textures is None else direct * sample_texture(textures[0], places)
-            if sent is not None:
-                wandered = tap.share * here.mean(sent, before)
-                light += (
-                    wandered if textures is None else wandered * sample_texture(textures[1], places)
-                )
+            places = x + tap.offset[0], y + tap.offset[1]
+            here = _Here.of(cells, corners, places, lit > 0.0)
+            strength = tap.share * lit[here.points, None]
+            light[here.points] += strength * here.mean(reflected) * here.detail(of_textures[0])
+            if whole.sent is not None:
+                here = _Here.of(cells, corners, places, open_s > 0.0)
+                wandered = here.mean(whole.sent, before) * here.detail(of_textures[1])
+                light[here.points] += tap.share * wandered
         if ambient:
-            there = whole.open_s[before][:, None] * ambient[0][plain.at(x, y)]
-            light = light + there
+            here = _Here.of(CellGrid(cells.grid, smooth=False), None, (x, y), open_s > 0.0)
+            if light.shape[1] < ambient[0].shape[1]:
+                light = np.repeat(light, 3, axis=1)
+            light[here.points] += open_s[here.points, None] * here.mean(ambient[0])
         quads = light.reshape(chunk[1] - chunk[0], per_quad, cols, per_quad, -1)
         image[chunk[0] : chunk[1]] = quads.mean(axis=(1, 3))
     return image
@@ -109,30 +103,53 @@ def render_by_lookup(
 
 @dataclass(frozen=True)
 class _Here:
-    """Which cells count at points, (n, corners), and how much each of them counts, (n, corners);
-    None: one cell a point."""
+    """Points that lie on the field, and the cells that count there.
 
+    points : (n,) which points.
+    places : (n, 2) where they lie on the field.
+    cells : (n, corners); shares : (n, corners) how much each counts; None: one cell a point.
+    """
+
+    points: NDArray[np.intp]
+    places: Floats
     cells: NDArray[np.integer]
     shares: Floats | None
 
     @classmethod
-    def of(cls, grid: CellGrid, points: Floats) -> _Here:
-        """At points (n, 2) of the field; a point beside it gets the entry after the last cell."""
-        x, y = points[:, 0], points[:, 1]
+    def of(
+        cls,
+        grid: CellGrid,
+        corners: NDArray[np.integer] | None,
+        places: tuple[Floats, Floats],
+        used: NDArray[np.bool_],
+    ) -> _Here:
+        """Those of the places, x and y (m,) each, that are `used` (m,) and lie on the field.
+        corners : `grid.corners`, where the grid is smooth."""
+        points = np.flatnonzero(used)
+        x, y = (one[points] for one in places)
         place = grid.at(x, y)
-        if not grid.smooth:
-            return cls(place, None)
-        beside = grid.grid[0] * grid.grid[1]
-        corners = np.append(grid.corners, np.full((1, 4), beside), axis=0)
-        return cls(corners[place], grid.shares(x, y))
+        inside = place >= 0
+        if not inside.all():
+            points, x, y, place = points[inside], x[inside], y[inside], place[inside]
+        there = np.stack([x, y], axis=-1)
+        if not grid.smooth or corners is None:
+            return cls(points, there, place[:, None], None)
+        return cls(points, there, corners[place], grid.shares(x, y))
 
     def mean(self, values: Floats, first: NDArray[np.integer] | None = None) -> Floats:
-        """Values (n, C) at the points, from values of cells (N + 1, C) or (M, N + 1, C); `first`
-        is then each point's index into M."""
+        """Values (n, C) there, from values of cells (N, C) or (M, N, C); `first` (m,) is then the
+        index into M of each of all points."""
+        rows = self.cells
+        if first is not None:
+            rows = rows + first[self.points, None].astype(np.int64) * values.shape[1]
+            values = values.reshape(-1, values.shape[-1])
         if self.shares is None:
-            return np.asarray(values[self.cells] if first is None else values[first, self.cells])
-        found = values[self.cells] if first is None else values[first[:, None], self.cells]
-        return np.asarray(np.einsum("nk,nkc->nc", self.shares, found))
+            return values.take(rows[:, 0], axis=0)
+        return np.asarray(np.einsum("nk,nkc->nc", self.shares, values.take(rows, axis=0)))
+
+    def detail(self, texture: Floats | None) -> Floats | float:
+        """What a texture makes of light there, (n, 3)."""
+        return 1.0 if texture is None else sample_texture(texture, self.places)
 
 
 def _grey(light: Floats) -> Floats:

@@ -8,7 +8,7 @@ Only such pairs are computed, tile by tile, as products of small matrices.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +81,7 @@ class PairTables:
 
     direct : (P,) seconds for which the two sites were lit and open together.
     indirect : (Q, 3) light from a cell while a mask site was open, in scene units times seconds.
+        Of all pairs, either is a matrix (`Products.all_tables`).
     open_s : (S,) seconds for which each mask site was open.
     """
 
@@ -125,8 +126,30 @@ class Products:
             np.zeros((indirect.mask.size, COLOUR_COUNT)),
             np.zeros(len(self._d_sites)),
         )
-        pairs = _blocks(direct, self._d_sites, self._p_sites)
         cells = _blocks(indirect, self._d_sites, None) if self._effects else {}
+        return self._filled(out, _blocks(direct, self._d_sites, self._p_sites), cells)
+
+    def all_tables(self) -> PairTables:
+        """The numbers of all pairs: `direct` (mask sites, projector sites), `indirect` (mask sites,
+        N, 3), where N is 0 if the scene has no indirect light."""
+        mask, lit = self._d_sites, self._p_sites
+        cells = self._spread.shape[1] if self._effects else 0
+        out = PairTables(
+            np.zeros((len(mask), len(lit))),
+            np.zeros((len(mask), cells, COLOUR_COUNT)),
+            np.zeros(len(mask)),
+        )
+        bands, of_cells = range(mask.delay_ns.size), slice(0, cells)
+        direct = {
+            (p_band, band): [_WholeBlock(mask.in_band(band), lit.in_band(p_band))]
+            for p_band in range(lit.delay_ns.size)
+            for band in bands
+        }
+        whole = {(0, band): [_WholeBlock(mask.in_band(band), of_cells)] for band in bands}
+        return self._filled(out, direct, whole if self._effects else {})
+
+    def _filled(self, out: PairTables, pairs: _Blocks, cells: _Blocks) -> PairTables:
+        """The tables with the light of the whole exposure, added block by block."""
         kept = self._kept_tracks()
         for p_band in range(self._p_sites.delay_ns.size):
             tracks: Sequence[tuple[SpanTimes, Trajectory | StoredSpans]] = (
@@ -264,6 +287,27 @@ class _Block:
         table[self.where] += product if tint is None else product[:, None] * tint
 
 
+@dataclass(frozen=True)
+class _WholeBlock:
+    """All pairs of some rows and columns of a matrix."""
+
+    rows: slice
+    columns: slice
+
+    def add(self, table: Floats, left: Floats, right: Floats, tint: Array | None = None) -> None:
+        """Add ``left.T @ right`` to that part of the matrix, times a tint (3,) if there is one."""
+        product = left.T @ right
+        if tint is None:
+            table[self.rows, self.columns] += product
+            return
+        for colour in np.flatnonzero(tint):
+            table[self.rows, self.columns, colour] += tint[colour] * product
+
+
+_Blocks = Mapping[tuple[int, int], Sequence[_Block | _WholeBlock]]
+"""What is added, by the bands of the projector and of the mask."""
+
+
 def _blocks(
     pairs: SitePairs, opened: PanelSites | Histories, lit: PanelSites | Histories | None
 ) -> dict[tuple[int, int], list[_Block]]:
@@ -297,5 +341,5 @@ class _Mask:
     part: slice
     starts: SpanTimes
     track: Trajectory | StoredSpans
-    direct: list[_Block]
-    indirect: list[_Block]
+    direct: Sequence[_Block | _WholeBlock]
+    indirect: Sequence[_Block | _WholeBlock]
