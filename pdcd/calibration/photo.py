@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from pdcd.arrays import Floats
 from pdcd.bench.stops import are_same_stop
 from pdcd.errors import CalibrationError
+from pdcd.sensor.colours import compute_colour_variance, to_colours
 from pdcd.sensor.profile import SensorProfile
-from pdcd.sensor.raw import RawFrame, compute_colour_variance, to_colours
+from pdcd.sensor.raw import RawFrame
 
 _Marks = NDArray[np.bool_]
 _OfColour = TypeVar("_OfColour")

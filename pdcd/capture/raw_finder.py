@@ -13,9 +13,10 @@ from pdcd.bench.devices import CameraSettings, PhotoFrame, RawFile
 from pdcd.bench.exposure_time import tell_exposure_time
 from pdcd.capture.rig import Rig
 from pdcd.errors import ExposureError
+from pdcd.sensor.colours import to_colours
 from pdcd.sensor.finder_picture import choose_finder_gain, draw_finder_picture
 from pdcd.sensor.profile import load_profile
-from pdcd.sensor.raw import read_raw, to_colours
+from pdcd.sensor.raw import read_raw
 
 _FIRST_S, _SHORTEST_S, _LONGEST_S = 0.05, 0.002, 0.2
 """Exposures: the first one, and their shortest and longest."""

@@ -46,8 +46,9 @@ from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
+from pdcd.sensor.colours import compute_colour_variance, to_colours
 from pdcd.sensor.dead import can_tell_samples, find_dead_samples
-from pdcd.sensor.raw import RawFrame, compute_colour_variance, shrink_image, to_colours
+from pdcd.sensor.raw import RawFrame, shrink_image
 from pdcd.sensor.shelf import PhotoShelf
 from pdcd.watch import Watch
 

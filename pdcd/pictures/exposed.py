@@ -12,8 +12,9 @@ from pdcd.arrays import Bools, Floats
 from pdcd.errors import DecodeError
 from pdcd.probing.realised import Factors
 from pdcd.sensor.bands import fill_in_bands
+from pdcd.sensor.colours import compute_colour_variance, to_colours
 from pdcd.sensor.profile import SensorProfile
-from pdcd.sensor.raw import WHOLE_AXIS, RawFrame, compute_colour_variance, to_colours
+from pdcd.sensor.raw import WHOLE_AXIS, RawFrame
 
 _Errors = NDArray[np.floating]
 """Error bars: float64, or float32 where a frame is large."""

@@ -19,13 +19,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from pdcd.arrays import Floats
 from pdcd.errors import DecodeError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import MAX_RAW_BYTES, read_file
 from pdcd.sensor.bands import run_in_bands
+from pdcd.sensor.colours import OF_COLOURS
 from pdcd.sensor.mosaic import (
     Mosaic,
     RawInput,
@@ -36,16 +36,12 @@ from pdcd.sensor.mosaic import (
     read_mosaic,
     read_tagged_exposure,
 )
-from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
 from pdcd.sensor.proof import check_hole, check_samples, check_zeros
 from pdcd.sensor.tiff import DATE_TAKEN, MODEL
 from pdcd.sensor.whole import measure_hole
 
 RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
 """Suffixes of RAW files, in lower case."""
-
-_OF_COLOURS = {4: ((0,), (1, 2), (3,)), 1: ((0,),)}
-"""The planes of each colour, by the number of planes."""
 
 WHOLE_AXIS = slice(None)
 """All rows, or all columns."""
@@ -118,7 +114,7 @@ class RawFrame:
     @property
     def colours(self) -> int:
         """Number of colours: 3, or 1 for a sensor without colours."""
-        return len(_OF_COLOURS[len(self.samples)])
+        return len(OF_COLOURS[len(self.samples)])
 
     @property
     def planes(self) -> NDArray[np.float32]:
@@ -388,66 +384,3 @@ def shrink_image(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
 def _single(value: float) -> float:
     """Shortest decimal of a value LibRaw holds in single precision: 25.6, not 25.600000381."""
     return float(str(np.float32(value)))
-
-
-def to_colours(planes: NDArray[np.float32], factors: ArrayLike = 1.0) -> Floats:
-    """(4, h, w) planes R, G1, G2, B -> (h, w, 3) float64, the two greens averaged, each channel
-    times its factor; (1, h, w) -> (h, w, 1). Channels lie one after the other in memory."""
-    of_colours = _OF_COLOURS[len(planes)]
-    out = np.empty((len(of_colours), *planes.shape[1:]))
-    each = np.broadcast_to(np.asarray(factors, np.float64), len(of_colours))
-    for light, (first, *more), factor in zip(out, of_colours, each, strict=True):
-        if not more:
-            np.multiply(planes[first], factor, out=light)
-            continue
-        np.add(planes[first], planes[more[0]], out=light, dtype=np.float64)
-        light *= 0.5 * factor
-    return np.moveaxis(out, 0, -1)
-
-
-def compute_colour_variance(
-    planes: NDArray[np.float32],
-    profile: SensorProfile,
-    iso: int,
-    exposure_s: float,
-    factors: ArrayLike = 1.0,
-    dtype: type[np.floating] = np.float64,
-) -> NDArray[np.floating]:
-    """Variance of `to_colours(planes, factors)` by the sensor's noise model, (h, w, C) of `dtype`.
-
-    The measured samples stand in for the expected ones, so the photon part is itself noisy (and a
-    little high where there is no light). Raises `ConfigError` for an unknown ISO.
-    """
-    of_colours = _OF_COLOURS[len(planes)]
-    out = np.empty((len(of_colours), *planes.shape[1:]), dtype)
-    each = np.broadcast_to(np.asarray(factors), len(of_colours))
-    for channel, (which, factor) in enumerate(zip(of_colours, each, strict=True)):
-        if dtype is np.float32:
-            _variance_single(planes, which, profile, iso, exposure_s, factor, out[channel])
-            continue
-        found = compute_variance_dn2(planes[which[0]], profile, iso, exposure_s)
-        for more in which[1:]:
-            found += compute_variance_dn2(planes[more], profile, iso, exposure_s)
-            found /= 4.0
-        np.multiply(found, factor * factor, out=out[channel])
-    return np.moveaxis(out, 0, -1)
-
-
-def _variance_single(
-    planes: NDArray[np.float32],
-    which: tuple[int, ...],
-    profile: SensorProfile,
-    iso: int,
-    exposure_s: float,
-    factor: float,
-    out: NDArray[np.floating],
-) -> None:
-    """The same for one channel, in single precision: the model is a straight line above black."""
-    dark, unit = (
-        compute_variance_dn2([0.0, 1.0], profile, iso, exposure_s) * (factor / len(which)) ** 2
-    )
-    np.maximum(planes[which[0]], np.float32(0.0), out=out)
-    for more in which[1:]:
-        out += np.maximum(planes[more], np.float32(0.0))
-    out *= np.float32(unit - dark)
-    out += np.float32(dark * len(which))

@@ -26,7 +26,8 @@ from pdcd.server.access import Access
 from pdcd.server.aside import call_in_thread
 from pdcd.server.connections import Server
 from pdcd.server.ending import catch_end
-from pdcd.server.jobs import EngineLike, Job
+from pdcd.server.engine_like import EngineLike
+from pdcd.server.jobs import Job
 from pdcd.server.listening import open_listener
 from pdcd.server.lock import hold_lock_file
 from pdcd.server.methods import Methods

@@ -24,7 +24,7 @@ from pathlib import Path
 
 from pdcd.child import WORDS, Child, list_end_signals, start_child
 from pdcd.errors import PdcdError
-from pdcd.server.jobs import EngineLike
+from pdcd.server.engine_like import EngineLike
 from pdcd.server.worker import ENGINE_THREAD
 
 logger = logging.getLogger(__name__)

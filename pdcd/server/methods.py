@@ -59,8 +59,9 @@ from pdcd.runs.index import search_runs
 from pdcd.runs.place import HeldFolder
 from pdcd.server.aside import call_in_thread
 from pdcd.server.callers import Caller
+from pdcd.server.engine_like import EngineLike
 from pdcd.server.intake import Intake
-from pdcd.server.jobs import EngineLike, Job, Owner
+from pdcd.server.jobs import Job, Owner
 from pdcd.server.protocol import RpcRequest
 from pdcd.server.reading import ReplyWithMemory
 from pdcd.server.runner import Runner

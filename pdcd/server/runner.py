@@ -26,16 +26,8 @@ from pdcd.protocol.stream import StreamedPicture, StreamRequest
 from pdcd.protocol.views import LiveFrame, PreviewView
 from pdcd.recipes.arrays import Given
 from pdcd.runs.place import HeldFolder
-from pdcd.server.jobs import (
-    ENDED,
-    EngineLike,
-    Job,
-    JobAnswer,
-    JobRequest,
-    JobTable,
-    Owner,
-    make_failed_result,
-)
+from pdcd.server.engine_like import EngineLike
+from pdcd.server.jobs import ENDED, Job, JobAnswer, JobRequest, JobTable, Owner, make_failed_result
 from pdcd.server.streams import make_stream_listener, order_record
 from pdcd.server.thinning import EventsToLoop
 from pdcd.server.worker import EngineThread

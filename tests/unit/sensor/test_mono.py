@@ -13,6 +13,7 @@ import rawpy
 from msgspec import structs
 
 from pdcd.bench.tables import CameraConfig
+from pdcd.sensor.colours import compute_colour_variance, to_colours
 from pdcd.sensor.dng import write_dng
 from pdcd.sensor.profile import (
     NOMINAL_RESPONSIVITY_E,
@@ -21,7 +22,7 @@ from pdcd.sensor.profile import (
     responsivity_e,
     weigh_colours,
 )
-from pdcd.sensor.raw import compute_colour_variance, read_raw, read_raw_head, to_colours
+from pdcd.sensor.raw import read_raw, read_raw_head
 from tests.form_dng import BYTE, SHORT, DngFile, write_dng_form
 from tests.tools import needs, program
 

@@ -12,16 +12,9 @@ import pytest
 import rawpy
 
 from pdcd.errors import ConfigError, DecodeError
+from pdcd.sensor.colours import compute_colour_variance, to_colours
 from pdcd.sensor.profile import compute_variance_dn2, load_profile
-from pdcd.sensor.raw import (
-    RawFrame,
-    RawHead,
-    compute_colour_variance,
-    read_raw,
-    read_raw_head,
-    shrink_image,
-    to_colours,
-)
+from pdcd.sensor.raw import RawFrame, RawHead, read_raw, read_raw_head, shrink_image
 from tests.masked_dng import write_masked_dng
 
 BLACK = np.array([500.0, 510.0, 520.0, 530.0])
