@@ -309,6 +309,34 @@ async def test_a_job_that_comes_in_the_turn_in_which_another_ends_is_run_once(
 
 
 @at_desk
+async def test_a_job_whose_outcome_is_lost_ends_and_the_engine_is_told_to_stop(desk: Desk) -> None:
+    call, test_ended, calls = desk.worker.call, threading.Event(), list[asyncio.Future[Any]]()
+
+    def work(*, job: str, cancelled: Callable[[], bool], **_: Any) -> CaptureResult:
+        desk.engine.act = desk.engine.done
+        while not cancelled() and not test_ended.wait(0.001):
+            pass
+        return desk.engine.done(job=job)
+
+    async def lose_outcome(*asked: Any) -> Any:
+        cast(Any, desk.worker).call = call
+        calls.append(asyncio.ensure_future(call(*asked)))
+        raise asyncio.CancelledError
+
+    desk.engine.act = work
+    cast(Any, desk.worker).call = lose_outcome
+    try:
+        job, following = desk.start(), desk.start(queue=True)
+        result = await desk.runner.wait(job.name)
+        assert result.state == "failed" and result.error is not None
+        async with asyncio.timeout(LONG_S / 2):
+            assert (await desk.runner.wait(following.name)).state == "done"
+            await calls[0]
+    finally:
+        test_ended.set()
+
+
+@at_desk
 async def test_a_daemon_that_stops_takes_nothing_more_and_waits_for_what_runs(desk: Desk) -> None:
     desk.engine.act = until_cancelled
     runs, waits = desk.start(), desk.start(queue=True)
