@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,6 +39,7 @@ from pdcd.pictures.sigma import (
     estimate_photo_quad_errors,
     measure_error_bars,
 )
+from pdcd.pictures.slow_light import UNSURE_SLOW_LIGHT, estimate_slow_light_errors
 from pdcd.pictures.stop_errors import with_stop_errors
 from pdcd.pictures.to_cells import (
     AveragedShots,
@@ -63,9 +65,7 @@ _LOOKED_AT = 2**14
 """Number of pixels of a picture from which its causes of error are estimated."""
 _Photos = Callable[[Recipe, Mapping[str, ExposedShot], CellMap], dict[str, Picture]]
 """Scales and corrects the photos of a recipe."""
-_UNSURE_DIRECT = 0.5
-"""Relative error of the realised matrix in the direct light that slow panels let through: 0.3 of
-0.6 % in front of a stranger's fold, where rows are set last."""
+NOTHING_TOLD: Mapping[str, float] = MappingProxyType({})
 
 
 def make_pictures_with_errors(
@@ -89,6 +89,7 @@ def make_pictures_with_errors(
     """
     averaged, told, coarse = None, NO_SMOOTH_MODELS, None
     by_codes: Mapping[str, Floats] = {}
+    slow: Mapping[str, float] = {}
     if len(list_parts(recipe)) >= FEWEST_PARTS:
         used = _used(recipe, shots)
         averaged = average_shots(used, cells)
@@ -121,19 +122,25 @@ def make_pictures_with_errors(
         by_codes = estimate_photo_quad_errors(recipe, shots, scaled, cells)
         single = combine_picture_errors(recipe, scaled, by_codes)
         bars = add_part_errors(whole, images, cells, single)
+        slow = estimate_slow_light_errors(record, recipe, averaged)
     else:
         bars = add_known_errors(recipe, whole)
-    return add_common_errors(record, recipe, shots, scaled, bars, by_codes, learned, cells, borders)
+    return add_common_errors(
+        record, recipe, shots, scaled, bars, by_codes, learned, cells, borders, slow
+    )
 
 
 def add_common_errors(
     record: RunRecord, recipe: Recipe, shots: Mapping[str, ExposedShot],
     scaled: Mapping[str, Picture], bars: Mapping[str, PictureWithErrors],
     by_codes: Mapping[str, Floats], learned: PilotFindings | None, cells: CellMap,
-    borders: BorderMeasurement | None,
+    borders: BorderMeasurement | None, slow: Mapping[str, float] = NOTHING_TOLD,
 ) -> dict[str, PictureWithErrors]:  # fmt: skip
     """Adds to the pictures `bars`, made of the photos `scaled`, the errors that all parts share,
-    and finds how much of the code error each cause makes (`PictureWithErrors.causes`)."""
+    and finds how much of the code error each cause makes (`PictureWithErrors.causes`).
+
+    slow : of `estimate_slow_light_errors`; other photos have `UNSURE_SLOW_LIGHT`.
+    """
     norm = record.normalise
     made = with_beside_light(bars, recipe, shots, scaled, by_codes, learned, cells, norm)
     steps: list[tuple[ErrorCause, Mapping[str, PictureWithErrors]]] = [("codes", made)]
@@ -144,8 +151,8 @@ def add_common_errors(
     strips = [one for one in removed if one[2] is not None]
     made = _with_direct_light(made, recipe, strips, scaled, cells, borders)
     steps.append(("maps", made))
-    slow = [one for one in removed if one[2] is None]
-    made = _with_direct_light(made, recipe, slow, scaled, cells, borders)
+    let_through = [one for one in removed if one[2] is None]
+    made = _with_direct_light(made, recipe, let_through, scaled, cells, borders, slow)
     steps.append(("timing", made))
     made = with_stop_errors(made, recipe, scaled, record, cells)
     steps.append(("stops", made))
@@ -337,21 +344,24 @@ def _with_direct_light(
     photos: Mapping[str, Picture],
     cells: CellMap,
     borders: BorderMeasurement | None,
+    slow: Mapping[str, float] = NOTHING_TOLD,
 ) -> dict[str, PictureWithErrors]:
     """Adds to the code error the uncertainty of the direct light that was removed from photos of
     indirect light, which is the same in all parts. This is light along borders of whole cells that
     the panels draw in two places (`pdcd.pictures.border_light.BorderLight.error`), or light that
-    slow panels let through (`_UNSURE_DIRECT`).
+    slow panels let through.
 
     removed : photos, each with the result of `find_removed_direct`. photos : scaled ones.
-    borders : what a photo of the light along borders shows, if there is one.
+    borders : what a photo of the light along borders shows, if there is one. slow : of
+    `estimate_slow_light_errors`.
     """
     white, found = list_white_photos(recipe), dict(pictures)
     for photo, share, light in removed:
         if light is not None:
             error: Floats = light.error(photos[photo.name], photos[white[-1]], borders)
         elif share is not None:
-            error = _UNSURE_DIRECT * np.abs(share)[..., None] * photos[white[-1]].image
+            unsure = slow.get(photo.name, UNSURE_SLOW_LIGHT)
+            error = unsure * np.abs(share)[..., None] * photos[white[-1]].image
         else:
             continue
         for name, made in _with_photo_error(found, recipe, photo.name, error).items():

@@ -9,13 +9,12 @@ thousandths, however little is known of the scene.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
+from pdcd.pictures.slow_light import fit_part_differences, number_patches
 from pdcd.probing.deviation import weight_s
 from pdcd.verdict.evidence import Evidence, compute_rms
 
@@ -23,9 +22,6 @@ _FEWEST_PARTS = 3
 """Least number of parts for an estimate."""
 _SURE = 4.0
 """Standard deviations from which light counts as getting past the codes."""
-_PATCH_CELLS = 4
-"""Side, in cells, of the patches of the field whose errors are taken as independent: the light of
-neighbouring cells is correlated."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +82,9 @@ def compute_crossed_light(
     # The light that is believed to get past the codes is subtracted.
     direct = np.maximum(all_light - light.mean(axis=0), 0.0) / (1.0 - believed.mean(axis=0))
     light = light - believed * direct
-    times, sigma = _fit_times(light, [one * direct for one in more], _number_patches(grid)[known])
+    times, sigma = fit_part_differences(
+        light, [one * direct for one in more], number_patches(grid)[known]
+    )
     each = zip(times, sigma, more, strict=True)
     past = float(sum(n * one.mean() for n, error, one in each if n > _SURE * error))
     answer = compute_rms(light.mean(axis=0))
@@ -94,23 +92,3 @@ def compute_crossed_light(
         return None
     # This light is missing in the direct light that was computed above.
     return CrossedLight(past / (1.0 + past), past * compute_rms(direct) / answer)
-
-
-def _number_patches(grid: tuple[int, int]) -> NDArray[np.intp]:
-    """Number of the patch of the field that each cell lies in, (N,)."""
-    down, right = (at.ravel() // _PATCH_CELLS for at in np.indices(grid))
-    return np.asarray(down * (right.max() + 1) + right)
-
-
-def _fit_times(
-    light: Floats, more: Sequence[Floats], patch: NDArray[np.intp]
-) -> tuple[Floats, Floats]:
-    """Least-squares factors of some patterns in the differences between parts, and their standard
-    deviations; all are (P, N). 0 for a pattern that is the same in all parts."""
-    apart = light - light.mean(axis=0)
-    by = np.stack([one - one.mean(axis=0) for one in more])
-    inverse = np.linalg.pinv(np.einsum("ipn,jpn->ij", by, by))
-    times = inverse @ np.einsum("ipn,pn->i", by, apart)
-    pulls = np.sum(by * (apart - np.tensordot(times, by, 1)), axis=1)
-    spread = inverse @ np.stack([np.bincount(patch, one) for one in pulls])
-    return times, np.linalg.norm(spread, axis=1)

@@ -127,7 +127,7 @@ def _timing(seen: Evidence, light: float) -> tuple[float | None, str]:
     through = f"{to_percent(left.weight)} of the direct light gets through, by the frame log"
     if left.taken_out is not None:
         share = _of_cause(seen, "timing", light)
-        return share, f"{through}; it was subtracted, and half of it counts as error"
+        return share, f"{through}; it was subtracted, but not exactly"
     return left.share, f"{through}; it is in the picture"
 
 
