@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from pdcd.bench import registry
 from pdcd.bench.devices import CameraInfo, CameraSettings
-from pdcd.bench.tables import PanelConfig, TriggerConfig
+from pdcd.bench.tables import DisplayConfig, PanelConfig, TriggerConfig
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, DeviceLost, PhotoError
 from pdcd.panels.placing import Placing
-from pdcd.testing import ReadoutContract, ShutterContract
+from pdcd.testing import DisplayContract, ReadoutContract, ShutterContract
 from tests import bench_rig
 from tests.fake_serial import FakeLine, fake_line
 from tests.panel_pixels import planned, random_frames, upright
@@ -46,16 +46,19 @@ def run_block(word: str) -> dict[str, Any]:
 
 @pytest.fixture
 def driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Both templates, known as `serial-box` and `acme`; a library of Acme's with one camera."""
-    made = ("serial_box", "acme_camera")
+    """The templates, known as `serial-box`, `acme` and `acme-panels`; a library of Acme's with one
+    camera and one pair of panels."""
+    made = ("serial_box", "acme_camera", "acme_panels")
     monkeypatch.syspath_prepend(str(ROOT / "examples" / "drivers"))
     acme = ModuleType("acme")
     acme.Device, acme.open_camera = AcmeDevice, AcmeDevice  # type: ignore[attr-defined]
+    acme.Panels, acme.open_panels = AcmeController, AcmeController  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "acme", acme)
     known = {
         ("shutter", "serial-box"): "serial_box:SerialBox",
         ("shutter", "acme"): "acme_camera:AcmeShutter",
         ("readout", "acme"): "acme_camera:AcmeReadout",
+        ("display", "acme-panels"): "acme_panels:AcmePanels",
     }
     monkeypatch.setattr(registry, "DRIVERS", {**registry.DRIVERS, **known})
     yield
@@ -192,6 +195,76 @@ class TestCameraTemplateReadout(OfAcme, ReadoutContract):
         rig.shutter.close()
         with pytest.raises(PhotoError, match="panels were done"):
             rig.readout.fetch(tmp_path, "photo", 1.0)
+
+
+class AcmeController:
+    """What Acme's library knows of its one pair of panels; each picture takes a refresh."""
+
+    sizes_px, refresh_hz = ((64, 48), (80, 60)), 120.0
+    clock: ClassVar[Any] = None
+    lit: ClassVar[bool] = False
+    stalls: ClassVar[set[int]] = set()
+
+    def __init__(self, serial: str) -> None:
+        if serial != "3":
+            raise OSError("no such controller")
+        self.shown: list[tuple[NDArray[np.uint8], NDArray[np.uint8]]] = []
+
+    def show(self, projector: NDArray[np.uint8], mask: NDArray[np.uint8]) -> None:
+        AcmeController.lit = bool(projector.any() or mask.any())
+        refreshes = 4 if len(self.shown) in self.stalls else 1
+        self.shown.append((projector, mask))
+        wait_ns = round(1e9 * refreshes / self.refresh_hz)
+        self.clock.sleep_until_ns(self.clock.now_ns() + wait_ns)
+
+    def show_black(self) -> None:
+        AcmeController.lit = False
+
+    def close(self) -> None:
+        self.show_black()
+
+
+class TestPanelsTemplate(DisplayContract):
+    """And what is the template's own."""
+
+    @pytest.fixture
+    def rig(self, tmp_path: Path, driver: None) -> Iterator[Rig]:
+        projector, mask = (PanelConfig(size_px=size) for size in AcmeController.sizes_px)
+        display = DisplayConfig(driver="acme-panels", options={"serial": "3"})
+        rig = Rig(bench_rig.config(tmp_path, display=display, projector=projector, mask=mask))
+        AcmeController.clock, AcmeController.stalls = rig.clock, set()
+        rig.display.connect()
+        yield rig
+        rig.display.disconnect()
+
+    def find_lit(self, rig: Rig) -> bool:
+        return AcmeController.lit
+
+    def test_each_row_is_drawn_where_the_configuration_places_it(self, rig: Rig) -> None:
+        frames = random_frames((5, 4), "quarter", 8)
+        rig.display.load(frames)
+        log = rig.display.play(lambda *_: None, lambda: False)
+        shown = rig.display._device.shown  # type: ignore[attr-defined]
+        assert len(shown) - 1 == len(frames) == len(log.missed)
+        assert not np.any(shown[-1][0]) and not np.any(shown[-1][1])
+        for row, pictures in enumerate(shown[:-1]):
+            for picture, size_px, mask in zip(
+                pictures, AcmeController.sizes_px, (False, True), strict=True
+            ):
+                wanted = planned(frames, row, upright(size_px, mask=mask))
+                np.testing.assert_array_equal(picture, wanted)
+
+    def test_a_late_picture_is_logged(self, rig: Rig) -> None:
+        AcmeController.stalls = {3}
+        frames = random_frames((5, 4), "quarter", 8)
+        rig.display.load(frames)
+        log = rig.display.play(lambda *_: None, lambda: False)
+        assert log.missed[3] == 3 and not log.verified
+
+    def test_panels_that_are_not_there(self, driver: None, tmp_path: Path) -> None:
+        display = DisplayConfig(driver="acme-panels", options={"serial": "4"})
+        with pytest.raises(DeviceLost, match="no panels 4"):
+            Rig(bench_rig.config(tmp_path, display=display)).display.connect()
 
 
 TestOnThePage = pytest.mark.usefixtures("driver")(run_block("class TestSerialBox")["TestSerialBox"])
