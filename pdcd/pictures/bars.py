@@ -65,7 +65,8 @@ _LOOKED_AT = 2**14
 """Number of pixels of a picture from which its causes of error are estimated."""
 _Photos = Callable[[Recipe, Mapping[str, ExposedShot], CellMap], dict[str, Picture]]
 """Scales and corrects the photos of a recipe."""
-NOTHING_TOLD: Mapping[str, float] = MappingProxyType({})
+_NOTHING_TOLD: Mapping[str, float] = MappingProxyType({})
+_NOTHING_SLOW: Mapping[str, Floats] = MappingProxyType({})
 
 
 def make_pictures_with_errors(
@@ -77,6 +78,7 @@ def make_pictures_with_errors(
     alive: Callable[[], None],
     borders: BorderMeasurement | None = None,
     room: Floats | None = None,
+    slow: Mapping[str, Floats] = _NOTHING_SLOW,
 ) -> dict[str, PictureWithErrors]:
     """All pictures of a recipe with their sensor and code error.
 
@@ -85,11 +87,12 @@ def make_pictures_with_errors(
 
     shots : of the run, and sums of them. learned : findings of its pilot, if any. borders : what a
     photo of the light along borders of cells shows, if there is one. room : (N, C), light of the
-    room from a dark photo. Both are the same for all parts.
+    room from a dark photo. Both are the same for all parts. slow : of each shot of codes
+    (`pdcd.pictures.weights.RealisedMatrix.slow`).
     """
     averaged, told, coarse = None, NO_SMOOTH_MODELS, None
     by_codes: Mapping[str, Floats] = {}
-    slow: Mapping[str, float] = {}
+    unsure: Mapping[str, float] = {}
     if len(list_parts(recipe)) >= FEWEST_PARTS:
         used = _used(recipe, shots)
         averaged = average_shots(used, cells)
@@ -122,11 +125,11 @@ def make_pictures_with_errors(
         by_codes = estimate_photo_quad_errors(recipe, shots, scaled, cells)
         single = combine_picture_errors(recipe, scaled, by_codes)
         bars = add_part_errors(whole, images, cells, single)
-        slow = estimate_slow_light_errors(record, recipe, averaged)
+        unsure = estimate_slow_light_errors(recipe, averaged, slow, room)
     else:
         bars = add_known_errors(recipe, whole)
     return add_common_errors(
-        record, recipe, shots, scaled, bars, by_codes, learned, cells, borders, slow
+        record, recipe, shots, scaled, bars, by_codes, learned, cells, borders, unsure
     )
 
 
@@ -134,12 +137,12 @@ def add_common_errors(
     record: RunRecord, recipe: Recipe, shots: Mapping[str, ExposedShot],
     scaled: Mapping[str, Picture], bars: Mapping[str, PictureWithErrors],
     by_codes: Mapping[str, Floats], learned: PilotFindings | None, cells: CellMap,
-    borders: BorderMeasurement | None, slow: Mapping[str, float] = NOTHING_TOLD,
+    borders: BorderMeasurement | None, unsure: Mapping[str, float] = _NOTHING_TOLD,
 ) -> dict[str, PictureWithErrors]:  # fmt: skip
     """Adds to the pictures `bars`, made of the photos `scaled`, the errors that all parts share,
     and finds how much of the code error each cause makes (`PictureWithErrors.causes`).
 
-    slow : of `estimate_slow_light_errors`; other photos have `UNSURE_SLOW_LIGHT`.
+    unsure : of `estimate_slow_light_errors`; other photos have `UNSURE_SLOW_LIGHT`.
     """
     norm = record.normalise
     made = with_beside_light(bars, recipe, shots, scaled, by_codes, learned, cells, norm)
@@ -152,7 +155,7 @@ def add_common_errors(
     made = _with_direct_light(made, recipe, strips, scaled, cells, borders)
     steps.append(("maps", made))
     let_through = [one for one in removed if one[2] is None]
-    made = _with_direct_light(made, recipe, let_through, scaled, cells, borders, slow)
+    made = _with_direct_light(made, recipe, let_through, scaled, cells, borders, unsure)
     steps.append(("timing", made))
     made = with_stop_errors(made, recipe, scaled, record, cells)
     steps.append(("stops", made))
@@ -344,7 +347,7 @@ def _with_direct_light(
     photos: Mapping[str, Picture],
     cells: CellMap,
     borders: BorderMeasurement | None,
-    slow: Mapping[str, float] = NOTHING_TOLD,
+    unsure: Mapping[str, float] = _NOTHING_TOLD,
 ) -> dict[str, PictureWithErrors]:
     """Adds to the code error the uncertainty of the direct light that was removed from photos of
     indirect light, which is the same in all parts. This is light along borders of whole cells that
@@ -352,16 +355,16 @@ def _with_direct_light(
     slow panels let through.
 
     removed : photos, each with the result of `find_removed_direct`. photos : scaled ones.
-    borders : what a photo of the light along borders shows, if there is one. slow : of
-    `estimate_slow_light_errors`.
+    borders : what a photo of the light along borders shows, if there is one. unsure :
+    of `estimate_slow_light_errors`.
     """
     white, found = list_white_photos(recipe), dict(pictures)
     for photo, share, light in removed:
         if light is not None:
             error: Floats = light.error(photos[photo.name], photos[white[-1]], borders)
         elif share is not None:
-            unsure = slow.get(photo.name, UNSURE_SLOW_LIGHT)
-            error = unsure * np.abs(share)[..., None] * photos[white[-1]].image
+            off = unsure.get(photo.name, UNSURE_SLOW_LIGHT)
+            error = off * np.abs(share)[..., None] * photos[white[-1]].image
         else:
             continue
         for name, made in _with_photo_error(found, recipe, photo.name, error).items():

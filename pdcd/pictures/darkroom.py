@@ -198,7 +198,8 @@ class Darkroom:
         with watch.piece(making) as alive:
             # Of an interrupted run the pilot may be incomplete; then there is no coded photo.
             learned = self.learned() if any(photo.paths for photo in recipe.photos) else None
-            known = {**shots, **sums}, learned, cells, alive, *self.seen_light()
+            slow = {name: one.slow for name, one in self._matrices.items() if one.slow is not None}
+            known = {**shots, **sums}, learned, cells, alive, *self.seen_light(), slow
             pictures = make_pictures_with_errors(self._record, recipe, *known)
             if self._sees_lines(recipe, pictures):  # error bars include their blur
                 pictures = make_pictures_with_errors(self._record, recipe, *known)

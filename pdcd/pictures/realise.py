@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from pdcd.arrays import Floats
+from pdcd.bench.tables import PanelConfig
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.pictures.weights import RealisedMatrix
 from pdcd.probing.realised import Factors, collect_factors, compute_bench_factors, divide_factors
@@ -34,14 +35,13 @@ def compute_shot_matrix(
     """The realised probing matrix of a shot of a run, for its darkroom.
 
     frames, log : as the run's frame table has them. alive : is called now and then, and may raise
-    to end the work. crossed : whether `RealisedMatrix.crossed` is wanted, too.
+    to end the work. crossed : whether `RealisedMatrix.crossed` and `slow` are wanted, too.
     """
     projector = record.projector
     if record.room is not None:  # it has the light of the projector's black
         projector = msgspec.structs.replace(projector, contrast=None)
 
-    def realise(late_s: float = 0.0, *, fine: bool = False) -> Factors:
-        mask = msgspec.structs.replace(record.mask, skew_s=record.mask.skew_s + late_s)
+    def realise(mask: PanelConfig, projector: PanelConfig, *, fine: bool = False) -> Factors:
         chunks = compute_bench_factors(
             frames,
             log,
@@ -53,15 +53,24 @@ def compute_shot_matrix(
         )
         return collect_factors(_watched(chunks, alive))
 
-    realised = realise(fine=True)
-    found = None
+    realised = realise(record.mask, projector, fine=True)
+    found = slow = None
     if crossed and len(frames.primal_patterns) > 1:
+
+        def realise_late(late_s: float) -> Factors:
+            mask = record.mask
+            return realise(msgspec.structs.replace(mask, skew_s=mask.skew_s + late_s), projector)
+
         row_s = 1e-9 * float(np.median(np.diff(log.primal_ns)))
-        sides = [_find_crossed(realise, sign * row_s, realised) for sign in (1.0, -1.0)]
+        sides = [_find_crossed(realise_late, sign * row_s, realised) for sign in (1.0, -1.0)]
         found = sides[0], sides[1]
-    if (shot.level or 1.0) != 1.0:
-        realised = divide_factors(realised, (shot.level or 1.0))
-    return RealisedMatrix(realised, shot.missed if shot.level is None else 0, found)
+        slow = _find_slow(realise, record.mask, projector, realised)
+    level = shot.level or 1.0
+    if level != 1.0:
+        realised = divide_factors(realised, level)
+        slow = None if slow is None else slow / level
+    missed = shot.missed if shot.level is None else 0
+    return RealisedMatrix(realised, missed, found, slow)
 
 
 def _find_crossed(
@@ -74,6 +83,24 @@ def _find_crossed(
         if float(more.mean()) > _CROSSED * float(as_believed.open_s.mean()):
             break
     return np.asarray(more)
+
+
+def _find_slow(
+    realise: Callable[[PanelConfig, PanelConfig], Factors],
+    mask: PanelConfig,
+    projector: PanelConfig,
+    as_believed: Factors,
+) -> Floats:
+    """`RealisedMatrix.slow`: light through own cells if panels had perfect blacks and places."""
+    exact = msgspec.structs.replace
+    exact_mask = exact(mask, contrast=None, offset_px=(0.0, 0.0), blur_px=0.0)
+    exact_projector = exact(projector, contrast=None)
+    if not as_believed.apart and (exact_mask, exact_projector) == (mask, projector):
+        return as_believed.coaxial
+    found = realise(exact_mask, exact_projector)
+    if as_believed.apart:  # light along borders of cells is not meant
+        return np.asarray(np.sum(found.left * found.right, axis=0))
+    return found.coaxial
 
 
 def _watched(chunks: Iterator[Factors], alive: _Alive) -> Iterator[Factors]:

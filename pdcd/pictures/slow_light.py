@@ -10,115 +10,154 @@ computation fits, however little is known of the scene.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Bools, Floats
+from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.picture import sum_weighted
 from pdcd.pictures.to_cells import AveragedShots
 from pdcd.probing.deviation import weight_s
-from pdcd.recipes.parts import FEWEST_PARTS
+from pdcd.recipes.parts import FEWEST_PARTS, list_parts, select_parts
 from pdcd.recipes.recipe import Recipe, RecipePhoto
-from pdcd.runs.record import RunRecord
 
 UNSURE_SLOW_LIGHT = 0.5
 """Relative error where parts do not tell it, and the largest that chance can make of what they
 tell: 0.3 of 0.6 % in front of a stranger's fold, where rows are set last."""
 _SURE = 4.0
 """Standard deviations from which light is surely off."""
+_LEAST_APART = 1e-3
+"""Least differences between parts, over the light itself, from which they tell anything."""
+_FEWEST_PATCHES = 6.0
+"""Least number of patches among which the light is spread for their differences to tell an error.
+"""
 _PATCH_CELLS = 4
 """Side, in cells, of the patches of the field whose errors are taken as independent: the light of
 neighbouring cells is correlated."""
 
 
+@dataclass(frozen=True)
+class _Sums:
+    """Signed sums over the shots of a photo, grey, of cells (N,) each: light without that of the
+    room; and for how long cells were seen in their own light, of that for how long because panels
+    are slow. cut : whether windows cut cells."""
+
+    light: Floats
+    coaxial: Floats
+    slow: Floats
+    weight_s: float
+    cut: bool
+
+    @classmethod
+    def of(
+        cls,
+        photo: RecipePhoto,
+        averaged: AveragedShots,
+        slow: Mapping[str, Floats],
+        room: Floats | None,
+    ) -> _Sums:
+        """room : (N, C), light of the room on cells in a second, where a dark photo shows it."""
+        shots, grid = averaged.shots, averaged.cells.grid
+
+        def add(of_shot: Callable[[ExposedShot], Floats]) -> Floats:
+            return sum_weighted((sign, of_shot(shots[name])) for sign, name in photo.shots)
+
+        light = add(lambda shot: _to_grey_cells(shot.light, grid))
+        if room is not None:
+            light = light - add(lambda shot: shot.realised.open_s) * room.mean(axis=1)
+        none = np.zeros_like(light)
+        return cls(
+            light,
+            add(lambda shot: shot.realised.coaxial),
+            sum_weighted((sign, slow.get(name, none)) for sign, name in photo.shots),
+            sum(sign * weight_s(shots[name].realised, photo.wanted) for sign, name in photo.shots),
+            any(shots[name].realised.fine is not None for _, name in photo.shots),
+        )
+
+
 def estimate_slow_light_errors(
-    record: RunRecord, recipe: Recipe, averaged: AveragedShots
+    recipe: Recipe,
+    averaged: AveragedShots,
+    slow: Mapping[str, Floats],
+    room: Floats | None = None,
 ) -> dict[str, float]:
-    """Relative error of the light that slow panels let through, which is subtracted from photos of
-    indirect light: by photo, for its error bars. Left out are photos whose parts cannot tell.
+    """Relative error of the direct light that is subtracted from photos of indirect light: by
+    photo, for error bars. Left out are photos whose parts cannot tell.
 
-    Light that a black panel lets through for good is the same in all parts, which then say nothing
-    of it: that part of the light counts as unsure as without parts.
+    Parts tell of the light that slow panels let through. Other light that gets past the codes,
+    through black or wrong cells, is much the same in all parts, and as unsure as without them.
+    Windows of parts of cells also let near light through by the order of codes: they tell nothing.
 
-    averaged : the shots over cells.
+    averaged : the shots over cells. slow : `pdcd.pictures.weights.RealisedMatrix.slow` of shots of
+    codes. room : (N, C), light of the room on cells in a second, from a dark photo.
     """
     white = [photo for photo in recipe.photos if photo.wanted.uniform == (1.0, 1.0)]
     if not white:
         return {}
-    full, taken = _sum_shots(white[-1], averaged)
-    known = (full > 0.0) & _find_seen_cells(averaged)
-    all_light = np.divide(taken, full, out=np.full(full.shape, np.nan), where=known)
+    full = _Sums.of(white[-1], averaged, {}, room)
+    known = (full.coaxial > 0.0) & _find_known_cells(averaged)
+    all_light = np.divide(full.light, full.coaxial, out=np.zeros(known.shape), where=known)
     found = {}
-    for photo in recipe.photos:
-        if photo.wanted.uniform == (0.0, 1.0):
-            error = _estimate_error(photo, averaged, all_light, _compute_black_share(record))
-            if error is not None:
-                found[photo.name] = error
+    for number, photo in enumerate(recipe.photos):
+        if photo.wanted.uniform != (0.0, 1.0):
+            continue
+        parts = [select_parts(recipe, {part}).photos[number] for part in list_parts(recipe)]
+        sums = [_Sums.of(part, averaged, slow, room) for part in parts if part.shots]
+        error = _estimate_error(sums, all_light, known, number_patches(averaged.cells.grid))
+        if error is not None:
+            found[photo.name] = error
     return found
 
 
 def _estimate_error(
-    photo: RecipePhoto, averaged: AveragedShots, all_light: Floats, black: float
+    parts: Sequence[_Sums], all_light: Floats, known: Bools, patch: NDArray[np.intp]
 ) -> float | None:
-    """The error in one photo. all_light : (N,), NaN where it is not known. black : share of the
-    direct light that gets through black panels."""
-    shots, grid = averaged.shots, averaged.cells.grid
-    lit = {
-        name: weight
-        for sign, name in photo.shots
-        if sign > 0.0 and (weight := weight_s(shots[name].realised, photo.wanted)) > 0.0
-    }
-    if len(lit) < FEWEST_PARTS:
+    """The error in one photo. all_light : (N,), of cells that are `known` (N,)."""
+    parts = [part for part in parts if part.weight_s > 0.0]
+    if len(parts) < FEWEST_PARTS or any(part.cut for part in parts):
         return None
-    light, believed = (
-        np.stack([one / weight for one, weight in zip(each, lit.values(), strict=True)])
-        for each in (
-            [_to_grey_cells(shots[name].light, grid) for name in lit],
-            [shots[name].realised.coaxial for name in lit],
-        )
+    light, coaxial, slow = (
+        np.stack([getattr(part, name)[known] / part.weight_s for part in parts])
+        for name in ("light", "coaxial", "slow")
     )
-    direct = np.nan_to_num((all_light - light.mean(axis=0)) / (1.0 - believed.mean(axis=0)))
-    patch = number_patches(grid)
-    off, sigma = fit_part_differences(light - believed * direct, [believed * direct], patch)
+    subtracted, switching = float(coaxial.mean()), float(slow.mean())
+    if not 0.0 < switching or not 0.0 < subtracted < 1.0:
+        return None
+    direct = (all_light[known] - light.mean(axis=0)) / (1.0 - coaxial.mean(axis=0))
+    found = _fit_slow_light(light - coaxial * direct, slow * direct, patch[known])
+    if found is None:
+        return None
+    told = min(switching / subtracted, 1.0)
+    return math.hypot(told * found, (1.0 - told) * UNSURE_SLOW_LIGHT)
+
+
+def _fit_slow_light(light: Floats, slow: Floats, patch: NDArray[np.intp]) -> float | None:
+    """By how much of itself the light of slow panels is off: of P parts (P, N), what is left of
+    their light, and the light that slow panels let through."""
+    apart = slow - slow.mean(axis=0)
+    power = np.bincount(patch, np.sum(apart**2, axis=0))
+    if not power.sum() > _LEAST_APART**2 * np.sum(slow**2):
+        return None
+    patches = float(power.sum() ** 2 / np.sum(power**2))
+    if patches < _FEWEST_PATCHES:
+        return None
+    (off,), (sigma,) = fit_part_differences(light, [slow], patch)
     # It may be off in some places alone, as in the rows that panels set last. The error of the mean
     # over all patches grows with their differences.
-    error = min(float(np.hypot(off[0], sigma[0] * np.sqrt(patch.max() + 1.0))), UNSURE_SLOW_LIGHT)
-    if abs(off[0]) > _SURE * sigma[0]:
-        error = max(error, abs(float(off[0])))
-    subtracted = float(_sum_shots(photo, averaged)[0].mean()) / sum(lit.values())
-    # Black exposures, if there are any, take part of the light through black panels away.
-    black = max(black - max(float(believed.mean()) - subtracted, 0.0), 0.0)
-    untold = black / max(subtracted, black) if black else 0.0
-    return math.hypot((1.0 - untold) * error, untold * UNSURE_SLOW_LIGHT)
+    sigma *= math.sqrt(patches / (patches - 1.0))
+    error = min(math.hypot(off, math.sqrt(patches) * sigma), UNSURE_SLOW_LIGHT)
+    return max(error, abs(float(off))) if abs(off) > _SURE * sigma else error
 
 
-def _sum_shots(photo: RecipePhoto, averaged: AveragedShots) -> tuple[Floats, Floats]:
-    """For how long cells were seen in their own light in a photo, in seconds, and their light in
-    it, (N,) each."""
-    coaxial, light = (
-        sum_weighted((sign, of_shot(averaged.shots[name])) for sign, name in photo.shots)
-        for of_shot in (
-            lambda shot: shot.realised.coaxial,
-            lambda shot: _to_grey_cells(shot.light, averaged.cells.grid),
-        )
-    )
-    return coaxial, light
-
-
-def _find_seen_cells(averaged: AveragedShots) -> Bools:
-    """Cells that the camera sees all over, (N,)."""
+def _find_known_cells(averaged: AveragedShots) -> Bools:
+    """Cells that the camera sees all over, and unsaturated in all shots, (N,)."""
     seen = np.ones(averaged.cells.frame)
     seen.reshape(-1)[averaged.unseen] = 0.0
+    seen.reshape(-1)[averaged.full] = 0.0
     return np.asarray(_to_grey_cells(seen[..., None], averaged.cells.grid) == 1.0)
-
-
-def _compute_black_share(record: RunRecord) -> float:
-    """Share of the direct light that gets through where either panel is black, as far as this is
-    not taken out with the light of the room: by codes of as much black as white."""
-    panels = [record.mask, *([] if record.room is not None else [record.projector])]
-    return sum(1.0 / panel.contrast for panel in panels if panel.contrast)
 
 
 def _to_grey_cells(light: Floats, grid: tuple[int, int]) -> Floats:

@@ -267,12 +267,13 @@ class AveragedShots:
     """Shots as a camera with one quad a cell would have taken them, or one with four.
 
     shots : of that camera, without variance. cells : its map. unseen : its quads, counted row by
-    row, that the real camera does not see.
+    row, that the real camera does not see. full : those of which too little is unsaturated.
     """
 
     shots: Mapping[str, ExposedShot]
     cells: CellMap
     unseen: Indices
+    full: Indices
 
 
 def average_shots(
@@ -317,7 +318,9 @@ def average_shots(
         return ComputedShot(light, nothing, dark, shot.realised, shot.exif, shot.missed)
 
     averaged = {name: coarse(shot) for name, shot in shots.items()}
-    return AveragedShots(averaged, alike, np.flatnonzero(unseen))
+    return AveragedShots(
+        averaged, alike, np.flatnonzero(unseen), np.flatnonzero(~cells.seen(known))
+    )
 
 
 def choose_part_cells(cells: CellMap) -> CellMap:

@@ -43,12 +43,14 @@ class RealisedMatrix:
 
     crossed : the additional time in seconds, (N,), for which light would go through its own cell if
     the mask were late, and if it were early, by enough for codes to meet others of the projector's;
-    None where this was not asked for, or where none can meet.
+    None where this was not asked for, or where none can meet. slow : the time in seconds, (N,), for
+    which light goes through its own cell because panels are slow or late, in shots of codes.
     """
 
     realised: Factors
     missed: int = 0
     crossed: tuple[Floats, Floats] | None = None
+    slow: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -118,6 +118,23 @@ def test_what_slow_panels_let_through_is_off_by_the_row_of_timing(
         assert told["timing"] > told["codes"]
 
 
+@pytest.mark.parametrize(("real", "contrast"), [(0.9, 100.0), (1.0, 67.0)])
+def test_light_of_the_room_and_through_black_is_not_taken_for_that_of_slow_panels(
+    real: float, contrast: float, tmp_path: Path
+) -> None:
+    """Of a mask that leaks in a lit room, and is quicker than believed, or leaks by half more."""
+    truth = tmp_path / "truth.toml"
+    times = "".join(f"{key} = {real * s}\n" for key, s in LAG.items())
+    truth.write_text(f"[mask]\n{times}contrast = {contrast}\n")
+    true, told = over_seeds(
+        seeds=(1, 2),
+        mask={**LAG, "skew_s": 0.0003, "contrast": 100.0},
+        scene={"ambient": 0.05},
+        bench={"truth": str(truth)},
+    )
+    assert 0.7 < told["all"] / true < 1.5
+
+
 def test_the_row_of_maps_grows_as_the_error_of_a_mask_that_lies_elsewhere(tmp_path: Path) -> None:
     """It is the error bars' own figure: lines along borders tell of most of that error, blocks of
     two fifths of a larger one."""
