@@ -99,6 +99,8 @@ def estimate_slow_light_errors(
         return {}
     full = _Sums.of(white[-1], averaged, {}, room)
     known = (full.coaxial > 0.0) & _find_known_cells(averaged)
+    if not known.any():
+        return {}
     all_light = np.divide(full.light, full.coaxial, out=np.zeros(known.shape), where=known)
     found = {}
     for number, photo in enumerate(recipe.photos):

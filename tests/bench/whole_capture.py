@@ -52,9 +52,9 @@ def run(*, quick: bool, folder: Path) -> Section:
             "and a virtual clock: metering, the indirect shot and its white companion, RAW files "
             "written and decoded, error maps, the report, previews, all files hashed and made "
             "durable. Cells of 128x96 and 256x192 do not end on the pixels of both panels here, so "
-            "that the virtual bench computes light along their borders pixel by pixel, which takes "
-            "most of the time. From the shell: a real `pdcd serve`, timed from the request to its "
-            f"answer at {CELLS} cells; the peak memory is the daemon's, and its first "
+            "that three more photos show light along their borders, which the virtual bench "
+            "computes pixel by pixel. From the shell: a real `pdcd serve`, timed from a request "
+            f"to its answer at {CELLS} cells; the peak memory is the daemon's, and its first "
             "words come when the rig is open. Times are medians of "
             f"{REPEATS}, that of `--help` of {HELP_REPEATS}."
         ),
