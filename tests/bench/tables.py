@@ -66,7 +66,7 @@ def seconds(value_s: float) -> str:
     """A time with three digits and a fitting unit."""
     if value_s < 0.001:
         return f"{value_s * 1e6:.3g} µs"
-    return f"{value_s * 1e3:.3g} ms" if value_s < 1.0 else f"{value_s:.3g} s"
+    return f"{value_s * 1e3:.3g} ms" if value_s < 0.9995 else f"{value_s:.3g} s"
 
 
 def percent(share: float) -> str:
