@@ -152,7 +152,7 @@ def add_common_errors(
         for photo in recipe.photos
     ]
     strips = [one for one in removed if one[2] is not None]
-    made = _with_direct_light(made, recipe, strips, scaled, cells, borders)
+    made = _with_direct_light(made, recipe, strips, scaled, cells, borders, unsure)
     steps.append(("maps", made))
     let_through = [one for one in removed if one[2] is None]
     made = _with_direct_light(made, recipe, let_through, scaled, cells, borders, unsure)
@@ -347,7 +347,7 @@ def _with_direct_light(
     photos: Mapping[str, Picture],
     cells: CellMap,
     borders: BorderMeasurement | None,
-    unsure: Mapping[str, float] = _NOTHING_TOLD,
+    unsure: Mapping[str, float],
 ) -> dict[str, PictureWithErrors]:
     """Adds to the code error the uncertainty of the direct light that was removed from photos of
     indirect light, which is the same in all parts. This is light along borders of whole cells that
@@ -355,8 +355,8 @@ def _with_direct_light(
     slow panels let through.
 
     removed : photos, each with the result of `find_removed_direct`. photos : scaled ones.
-    borders : what a photo of the light along borders shows, if there is one. unsure :
-    of `estimate_slow_light_errors`.
+    borders : what a photo of the light along borders shows, if there is one. unsure : of
+    `estimate_slow_light_errors`.
     """
     white, found = list_white_photos(recipe), dict(pictures)
     for photo, share, light in removed:

@@ -92,12 +92,11 @@ def _find_slow(
     as_believed: Factors,
 ) -> Floats:
     """`RealisedMatrix.slow`: light through own cells if panels had perfect blacks and places."""
-    exact = msgspec.structs.replace
-    exact_mask = exact(mask, contrast=None, offset_px=(0.0, 0.0), blur_px=0.0)
-    exact_projector = exact(projector, contrast=None)
-    if not as_believed.apart and (exact_mask, exact_projector) == (mask, projector):
-        return as_believed.coaxial
-    found = realise(exact_mask, exact_projector)
+    replace = msgspec.structs.replace
+    exact_mask = replace(mask, contrast=None, offset_px=(0.0, 0.0), blur_px=0.0)
+    exact_projector = replace(projector, contrast=None)
+    alike = (exact_mask, exact_projector) == (mask, projector)
+    found = as_believed if alike else realise(exact_mask, exact_projector)
     if as_believed.apart:  # light along borders of cells is not meant
         return np.asarray(np.sum(found.left * found.right, axis=0))
     return found.coaxial

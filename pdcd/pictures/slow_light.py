@@ -10,17 +10,18 @@ computation fits, however little is known of the scene.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Bools, Floats
-from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.picture import sum_weighted
 from pdcd.pictures.to_cells import AveragedShots
+from pdcd.pictures.weights import sum_realised_matrices
 from pdcd.probing.deviation import weight_s
+from pdcd.probing.realised import Factors
 from pdcd.recipes.parts import FEWEST_PARTS, list_parts, select_parts
 from pdcd.recipes.recipe import Recipe, RecipePhoto
 
@@ -41,15 +42,12 @@ neighbouring cells is correlated."""
 
 @dataclass(frozen=True)
 class _Sums:
-    """Signed sums over the shots of a photo, grey, of cells (N,) each: light without that of the
-    room; and for how long cells were seen in their own light, of that for how long because panels
-    are slow. cut : whether windows cut cells."""
+    """Signed sums over the shots of a photo: its matrix; its grey light without that of the room,
+    and for how long cells were seen in their own light because panels are slow, (N,) each."""
 
+    realised: Factors
     light: Floats
-    coaxial: Floats
     slow: Floats
-    weight_s: float
-    cut: bool
 
     @classmethod
     def of(
@@ -61,21 +59,15 @@ class _Sums:
     ) -> _Sums:
         """room : (N, C), light of the room on cells in a second, where a dark photo shows it."""
         shots, grid = averaged.shots, averaged.cells.grid
-
-        def add(of_shot: Callable[[ExposedShot], Floats]) -> Floats:
-            return sum_weighted((sign, of_shot(shots[name])) for sign, name in photo.shots)
-
-        light = add(lambda shot: _to_grey_cells(shot.light, grid))
-        if room is not None:
-            light = light - add(lambda shot: shot.realised.open_s) * room.mean(axis=1)
-        none = np.zeros_like(light)
-        return cls(
-            light,
-            add(lambda shot: shot.realised.coaxial),
-            sum_weighted((sign, slow.get(name, none)) for sign, name in photo.shots),
-            sum(sign * weight_s(shots[name].realised, photo.wanted) for sign, name in photo.shots),
-            any(shots[name].realised.fine is not None for _, name in photo.shots),
+        realised = sum_realised_matrices(photo.shots, shots)
+        light = sum_weighted(
+            (sign, _to_grey_cells(shots[name].light, grid)) for sign, name in photo.shots
         )
+        if room is not None:
+            light = light - realised.open_s * room.mean(axis=1)
+        none = np.zeros_like(light)
+        late = sum_weighted((sign, slow.get(name, none)) for sign, name in photo.shots)
+        return cls(realised, light, late)
 
 
 def estimate_slow_light_errors(
@@ -98,32 +90,43 @@ def estimate_slow_light_errors(
     if not white:
         return {}
     full = _Sums.of(white[-1], averaged, {}, room)
-    known = (full.coaxial > 0.0) & _find_known_cells(averaged)
+    coaxial = full.realised.coaxial
+    known = (coaxial > 0.0) & _find_known_cells(averaged)
     if not known.any():
         return {}
-    all_light = np.divide(full.light, full.coaxial, out=np.zeros(known.shape), where=known)
+    all_light = np.divide(full.light, coaxial, out=np.zeros(known.shape), where=known)
     found = {}
     for number, photo in enumerate(recipe.photos):
         if photo.wanted.uniform != (0.0, 1.0):
             continue
         parts = [select_parts(recipe, {part}).photos[number] for part in list_parts(recipe)]
         sums = [_Sums.of(part, averaged, slow, room) for part in parts if part.shots]
-        error = _estimate_error(sums, all_light, known, number_patches(averaged.cells.grid))
+        weights_s = [weight_s(one.realised, photo.wanted) for one in sums]
+        lit = [pair for pair in zip(sums, weights_s, strict=True) if pair[1] > 0.0]
+        error = _estimate_error(lit, all_light, known, number_patches(averaged.cells.grid))
         if error is not None:
             found[photo.name] = error
     return found
 
 
 def _estimate_error(
-    parts: Sequence[_Sums], all_light: Floats, known: Bools, patch: NDArray[np.intp]
+    parts: Sequence[tuple[_Sums, float]],
+    all_light: Floats,
+    known: Bools,
+    patch: NDArray[np.intp],
 ) -> float | None:
-    """The error in one photo. all_light : (N,), of cells that are `known` (N,)."""
-    parts = [part for part in parts if part.weight_s > 0.0]
-    if len(parts) < FEWEST_PARTS or any(part.cut for part in parts):
+    """The error in one photo. parts : each with its weight in seconds. all_light : (N,), of cells
+    that are `known` (N,)."""
+    cut = any(part.realised.fine is not None for part, _ in parts)
+    if len(parts) < FEWEST_PARTS or cut:
         return None
     light, coaxial, slow = (
-        np.stack([getattr(part, name)[known] / part.weight_s for part in parts])
-        for name in ("light", "coaxial", "slow")
+        np.stack([values[known] / weight for values, weight in each])
+        for each in (
+            [(part.light, weight) for part, weight in parts],
+            [(part.realised.coaxial, weight) for part, weight in parts],
+            [(part.slow, weight) for part, weight in parts],
+        )
     )
     subtracted, switching = float(coaxial.mean()), float(slow.mean())
     if not 0.0 < switching or not 0.0 < subtracted < 1.0:
@@ -157,8 +160,7 @@ def _fit_slow_light(light: Floats, slow: Floats, patch: NDArray[np.intp]) -> flo
 def _find_known_cells(averaged: AveragedShots) -> Bools:
     """Cells that the camera sees all over, and unsaturated in all shots, (N,)."""
     seen = np.ones(averaged.cells.frame)
-    seen.reshape(-1)[averaged.unseen] = 0.0
-    seen.reshape(-1)[averaged.full] = 0.0
+    seen.reshape(-1)[averaged.unknown] = 0.0
     return np.asarray(_to_grey_cells(seen[..., None], averaged.cells.grid) == 1.0)
 
 

@@ -267,13 +267,14 @@ class AveragedShots:
     """Shots as a camera with one quad a cell would have taken them, or one with four.
 
     shots : of that camera, without variance. cells : its map. unseen : its quads, counted row by
-    row, that the real camera does not see. full : those of which too little is unsaturated.
+    row, that the real camera does not see. unknown : these, and those of which too little is
+    unsaturated.
     """
 
     shots: Mapping[str, ExposedShot]
     cells: CellMap
     unseen: Indices
-    full: Indices
+    unknown: Indices
 
 
 def average_shots(

@@ -69,8 +69,9 @@ def render_by_lookup(
     seconds = np.append(whole.seconds, np.zeros((len(whole.seconds), 1)), axis=1)
     unlit = seconds.shape[1] - 1
     of_textures = textures or (None, None)
-    corners = cells.corners
-    colours = 3 if whole.sent is not None or textures is not None else reflected.shape[1]
+    plain = CellGrid(cells.grid, smooth=False)
+    grey = whole.sent is None and textures is None
+    colours = max(part.shape[1] for part in (reflected, *ambient)) if grey else 3
     image = np.empty((rows, cols, 3))
     for chunk in looks.chunks():
         x, y = looks.on_field(chunk)
@@ -84,17 +85,15 @@ def render_by_lookup(
             if whole.uneven is not None:
                 lit *= pick_pixel_values(whole.uneven, at, missing=0.0)
             places = x + tap.offset[0], y + tap.offset[1]
-            here = _Here.of(cells, corners, places, lit > 0.0)
+            here = _Here.of(cells, places, lit > 0.0)
             strength = tap.share * lit[here.points, None]
             light[here.points] += strength * here.mean(reflected) * here.detail(of_textures[0])
             if whole.sent is not None:
-                here = _Here.of(cells, corners, places, open_s > 0.0)
+                here = _Here.of(cells, places, open_s > 0.0)
                 wandered = here.mean(whole.sent, before) * here.detail(of_textures[1])
                 light[here.points] += tap.share * wandered
         if ambient:
-            here = _Here.of(CellGrid(cells.grid, smooth=False), None, (x, y), open_s > 0.0)
-            if light.shape[1] < ambient[0].shape[1]:
-                light = np.repeat(light, 3, axis=1)
+            here = _Here.of(plain, (x, y), open_s > 0.0)
             light[here.points] += open_s[here.points, None] * here.mean(ambient[0])
         quads = light.reshape(chunk[1] - chunk[0], per_quad, cols, per_quad, -1)
         image[chunk[0] : chunk[1]] = quads.mean(axis=(1, 3))
@@ -116,15 +115,8 @@ class _Here:
     shares: Floats | None
 
     @classmethod
-    def of(
-        cls,
-        grid: CellGrid,
-        corners: NDArray[np.integer] | None,
-        places: tuple[Floats, Floats],
-        used: NDArray[np.bool_],
-    ) -> _Here:
-        """Those of the places, x and y (m,) each, that are `used` (m,) and lie on the field.
-        corners : `grid.corners`, where the grid is smooth."""
+    def of(cls, grid: CellGrid, places: tuple[Floats, Floats], used: NDArray[np.bool_]) -> _Here:
+        """Those of the places, x and y (m,) each, that are `used` (m,) and lie on the field."""
         points = np.flatnonzero(used)
         x, y = (one[points] for one in places)
         place = grid.at(x, y)
@@ -132,9 +124,9 @@ class _Here:
         if not inside.all():
             points, x, y, place = points[inside], x[inside], y[inside], place[inside]
         there = np.stack([x, y], axis=-1)
-        if not grid.smooth or corners is None:
+        if not grid.smooth:
             return cls(points, there, place[:, None], None)
-        return cls(points, there, corners[place], grid.shares(x, y))
+        return cls(points, there, grid.corners[place], grid.shares(x, y))
 
     def mean(self, values: Floats, first: NDArray[np.integer] | None = None) -> Floats:
         """Values (n, C) there, from values of cells (N, C) or (M, N, C); `first` (m,) is then the

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from math import gcd
 from typing import TypeVar
 
@@ -56,7 +56,7 @@ class CellGrid:
         rows, cols = self.grid
         return (rows + 1) * (cols + 1) if self.smooth else rows * cols
 
-    @property
+    @cached_property
     def corners(self) -> _Numbers:
         """Cells of each place, (places, 4) or (places, 1)."""
         rows, cols = self.grid
