@@ -81,7 +81,7 @@ def print_runs(args: argparse.Namespace) -> int:
         f"{len(found)} runs in {page.state_folder}{beside}; in another: pdcd runs --state-dir DIR"
     )
     tell_user(
-        "error: against the known truth, or +- what the photo itself expects, as a share of RMS"
+        "error: against the known truth, or +- as estimated from the photo, as a share of RMS"
     )
     _tell_limits(page)
     for folder in foreign:

@@ -69,6 +69,7 @@ def compute_shot_matrix(
     if level != 1.0:
         realised = divide_factors(realised, level)
         slow = None if slow is None else slow / level
+        found = None if found is None else (found[0] / level, found[1] / level)
     missed = shot.missed if shot.level is None else 0
     return RealisedMatrix(realised, missed, found, slow)
 

@@ -45,7 +45,7 @@ class RunEntry(msgspec.Struct, frozen=True, kw_only=True):
     rms_error_cells: float | None = None
     """The same for means over the cells."""
     rms_sigma: float | None = None
-    """The error that the run itself expects, relative to the RMS of the picture, too."""
+    """The error estimated from the photo itself, relative to the RMS of the picture, too."""
     verdict: VerdictName | None = None
     mock: bool | None = None
     user: str | None = None

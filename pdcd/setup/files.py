@@ -84,7 +84,7 @@ def _install_lines(proposal: BenchProposal, folder: Path) -> Iterator[str]:
         # Debian's python3 alone cannot make an environment with pip.
         yield f"python3 -m venv --without-pip {_VENV}"
         pip = f"python3 -m pip --python {_VENV}/bin/python"
-        yield f"{pip} install {shlex.quote(f'{SOURCE_ROOT}[bench]')}"
+        yield f"{pip} install {shlex.quote(f'{SOURCE_ROOT}[bench,plots]')}"
     else:
         yield f"# pdcd itself is expected in {_VENV}: install it there as it was installed here."
     yield f"install -Dm644 {units}/pdcd.sysusers.conf /usr/lib/sysusers.d/pdcd.conf"

@@ -146,6 +146,19 @@ def test_matrices_are_over_the_level_too(run: Path) -> None:
         np.testing.assert_allclose(shot.realised.open_s, 2.0 * two[name].realised.open_s)
 
 
+def test_light_past_late_and_slow_panels_is_over_the_level_too(run: Path) -> None:
+    def coded_of(level: float) -> Any:
+        record = record_of(run, level=level)
+        slow = msgspec.structs.replace(record.mask, rise_s=2e-3, fall_s=4e-3)
+        return Darkroom(run, msgspec.structs.replace(record, mask=slow)).matrices()[1]["coded"]
+
+    one, two = coded_of(1.0), coded_of(2.0)
+    for name in ("crossed", "slow"):
+        found = np.array(getattr(one, name))
+        assert found.any(), name
+        np.testing.assert_allclose(found, 2.0 * np.array(getattr(two, name)))
+
+
 def test_a_coarse_room_sees_squares_of_quads(run: Path) -> None:
     record = record_of(run)
     fine, coarse = Darkroom(run, record), Darkroom(run, record)
