@@ -44,7 +44,6 @@ from pdcd.pictures.stop_errors import with_stop_errors
 from pdcd.pictures.to_cells import (
     AveragedShots,
     are_all_quads_used,
-    average_image,
     average_shots,
     average_unmixed,
     choose_part_cells,
@@ -191,7 +190,7 @@ def _of_cells(picture: PictureWithErrors, cells: CellMap) -> Errors:
     """The code error of means over cells, (rows, cols, C)."""
     if picture.of_cells is not None:
         return picture.of_cells
-    return average_image(picture.code, cells).reshape(*cells.grid, -1)
+    return cells.mean(picture.code).reshape(*cells.grid, -1)
 
 
 def _averaged_borders(

@@ -19,7 +19,7 @@ from pdcd.pictures.learn import PilotFindings
 from pdcd.pictures.picture import Errors, Picture
 from pdcd.pictures.quad_samples import QuadSample, sample_quads
 from pdcd.pictures.smooth import HALF_LIGHT_CELLS
-from pdcd.pictures.to_cells import average_image, average_picture
+from pdcd.pictures.to_cells import average_picture
 from pdcd.pictures.to_quads import spread_errors
 from pdcd.pictures.weights import CellWeights
 from pdcd.probing.deviation import compute_row_deviations
@@ -80,7 +80,7 @@ def estimate_neighbour_errors(
         name = weights.photo.name
         photo = photos[name]
         seen = average_picture(photo, cells).image
-        light = np.maximum(average_image(photo.image, cells), 0.0)
+        light = np.maximum(cells.mean(photo.image), 0.0)
         near = USUAL * light
         if learned is not None and learned.near.any():
             near = learned.near

@@ -96,10 +96,8 @@ class BorderLight:
     cells: CellMap
 
     @classmethod
-    def of(cls, realised: Factors, weights: QuadWeights, cells: CellMap) -> BorderLight | None:
-        """The strips of a photo; None where both panels draw all borders alike."""
-        if not realised.apart:
-            return None
+    def of(cls, realised: Factors, weights: QuadWeights, cells: CellMap) -> BorderLight:
+        """The strips of a photo, of which there are some."""
         lit = tuple(s.lit_s(realised.left, realised.right, cells.grid) for s in realised.apart)
         return cls(realised.apart, lit, weights.quads_s, cells)
 

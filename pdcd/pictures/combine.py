@@ -12,7 +12,6 @@ import numpy as np
 from pdcd.arrays import Bools, Floats
 from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.picture import Picture, sum_weighted
-from pdcd.pictures.to_cells import average_image
 from pdcd.pictures.to_quads import (
     QuadWeights,
     add_missing_light,
@@ -198,7 +197,7 @@ def _without_room(photo: Picture, weights: CellWeights, room: Floats, cells: Cel
     opened = weights.realised.open_s / weights.cells_s
     if not (np.abs(opened) > _LEAST_OPEN).any():
         return photo
-    light = average_image(photo.image, cells)
+    light = cells.mean(photo.image)
     return add_missing_light(photo, light, -opened[:, None] * room, cells, weights.realised.fine)
 
 

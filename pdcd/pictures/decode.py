@@ -131,15 +131,10 @@ def decode_folder(folder: Path, watch: Watch | None = None) -> RunComparison:
         for name in ("linear", "preview"):
             (again / name).mkdir()
         write_pictures(again, decoded)
-        files = []
-        for path in sorted((again / "linear").iterdir()):
-            kept = folder / "linear" / path.name
-            same = _is_same(kept, path)
-            files.append(ComparedFile(f"linear/{path.name}", same))
+        names = [f"linear/{path.name}" for path in sorted((again / "linear").iterdir())]
         if (again / TRANSPORT).is_file():
-            kept = folder / TRANSPORT
-            same = _is_same(kept, again / TRANSPORT)
-            files.append(ComparedFile(TRANSPORT, same))
+            names.append(TRANSPORT)
+        files = [ComparedFile(name, _is_same(folder / name, again / name)) for name in names]
     return RunComparison(all(file.identical for file in files), tuple(files))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,20 +22,6 @@ _LARGE_QUADS = 2**18
 """Quads from which error bars are held in single precision."""
 
 
-class FrameLight(Protocol):
-    """Light of a frame of C colours and its variance, (h, w, C) each."""
-
-    @property
-    def light(self) -> Floats:
-        """Scene units times seconds."""
-        ...
-
-    @property
-    def variance(self) -> _Errors:
-        """Variance of the light."""
-        ...
-
-
 @dataclass(frozen=True)
 class AmbientLight:
     """What gets in through an open mask in front of a black projector within a second, in scene
@@ -46,8 +31,9 @@ class AmbientLight:
     variance: Floats
 
 
-class ExposedShot(Protocol):
-    """A shot whose light can be had, whole or in pieces.
+@dataclass(frozen=True)
+class ComputedShot:
+    """A shot whose light is computed, as a sum or as a forecast.
 
     light : (h, w, C) float64
         Scene units times seconds, signed.
@@ -58,49 +44,6 @@ class ExposedShot(Protocol):
     exif : what its RAW file says about itself.
     missed : refreshes that came late or never, where that left codes with unequal light.
     """
-
-    @property
-    def light(self) -> Floats:
-        """See above."""
-        ...
-
-    @property
-    def variance(self) -> _Errors:
-        """See above."""
-        ...
-
-    @property
-    def saturated(self) -> Bools:
-        """See above."""
-        ...
-
-    @property
-    def realised(self) -> Factors:
-        """See above."""
-        ...
-
-    @property
-    def exif(self) -> dict[str, object]:
-        """See above."""
-        ...
-
-    @property
-    def missed(self) -> int:
-        """See above."""
-        ...
-
-    def light_at(self, rows: slice, columns: slice = WHOLE_AXIS) -> Floats:
-        """Light of some rows and columns of quads."""
-        ...
-
-    def variance_at(self, rows: slice, columns: slice = WHOLE_AXIS) -> _Errors:
-        """Its variance."""
-        ...
-
-
-@dataclass(frozen=True)
-class ComputedShot:
-    """A shot whose light is computed, as a sum or as a forecast; see `ExposedShot`."""
 
     light: Floats
     variance: _Errors
@@ -126,7 +69,7 @@ class RawShot:
     a run has dozens; what is computed piece by piece stays in the processor's cache.
 
     raw : the samples. profile : of the sensor. exposure_s : as timed by the bench. factors : (C,),
-    from DN to scene units times seconds. The rest as of `ExposedShot`.
+    from DN to scene units times seconds. The rest as of `ComputedShot`.
     """
 
     raw: RawFrame
@@ -172,6 +115,12 @@ class RawShot:
     @property
     def _precision(self) -> type[np.floating]:
         return np.float32 if self.saturated.size >= _LARGE_QUADS else np.float64
+
+
+ExposedShot = ComputedShot | RawShot
+"""A shot to make pictures of, whose light can be had whole or in pieces."""
+FrameLight = AmbientLight | ExposedShot
+"""Light of a frame of C colours and its variance, (h, w, C) each."""
 
 
 def refuse_unlike(

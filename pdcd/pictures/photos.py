@@ -17,7 +17,7 @@ from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.learn import PilotFindings, compute_path_corrections, compute_path_light
 from pdcd.pictures.picture import Picture
 from pdcd.pictures.smooth import CodedImage, compute_colour_correction, estimate_smooth_shares
-from pdcd.pictures.to_cells import average_image, find_seen_cells
+from pdcd.pictures.to_cells import find_seen_cells
 from pdcd.pictures.to_quads import add_missing_light, expand_to_quads
 from pdcd.pictures.weights import CellWeights, weigh_cells
 from pdcd.recipes.parts import FEWEST_PARTS, list_parts, select_parts
@@ -85,7 +85,7 @@ def make_corrected_photos(
             continue
         before, weighed = photos[photo.name], weights[photo.name]
         seen = find_seen_cells(cells)
-        light = _with_unseen(average_image(before.image, cells), seen)
+        light = _with_unseen(cells.mean(before.image), seen)
         more = _missing_smooth(
             weighed, light, learned, cells.grid, seen, told.get(photo.name), alive
         )
@@ -133,9 +133,7 @@ def fit_smooth_models(
         if len(parts[0].shots) == len(photo.shots) or not _holds_smooth_light(photo):
             continue
         weights = [weigh_cells(one, shots, normalise) for one in (photo, *parts)]
-        light = [
-            _with_unseen(average_image(made[photo.name].image, cells), of_map) for made in pictures
-        ]
+        light = [_with_unseen(cells.mean(made[photo.name].image), of_map) for made in pictures]
         told = _told_of(weights, light, learned, cells.grid, seen, alive)
         if told is not None:
             found[photo.name] = told

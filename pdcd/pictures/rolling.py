@@ -60,7 +60,8 @@ class RollingPictures:
         self._recipe = keep_answer(recipe)
         # Single photos are not taken again, nor are sums of them.
         self._kept = {name: shots[name] for name in recipe.stack if name in shots}
-        self._kept |= {name: shots[name] for name in shots if name not in _names(recipe)}
+        planned = {shot.name for shot in recipe.shots}
+        self._kept |= {name: one for name, one in shots.items() if name not in planned}
         paths = any(photo.paths for photo in recipe.photos)
         self._learned = darkroom.learned(watch) if paths else None
         self._parted = choose_part_cells(darkroom.cells)
@@ -203,7 +204,3 @@ def keep_answer(recipe: Recipe) -> Recipe:
         photos=tuple(photo for photo in recipe.photos if photo.name in names),
         pictures={recipe.answer_name: rule},
     )
-
-
-def _names(recipe: Recipe) -> set[str]:
-    return {shot.name for shot in recipe.shots}

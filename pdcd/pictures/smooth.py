@@ -28,6 +28,8 @@ _Spread = Callable[[Floats], Floats]
 
 HALF_LIGHT_CELLS = 2.0
 """Cells over which near light falls to one half; far off it falls with the square."""
+_NEAR_SPREAD = HALF_LIGHT_CELLS, 1.0
+"""Reach in cells, and power, of light ``(1 + (d / reach)^2)^-power`` at the distance d."""
 _USUAL = np.array([0.0, 0.1])
 """Shares of far and of near light that are removed where the image shows nothing. Larger ones gain
 more on some scenes, but do harm where light stays near and codes are nearly exact."""
@@ -38,8 +40,8 @@ _ROUNDS = 8
 _CHUNK = 2**17
 """Numbers transformed at once: what stays in the cache takes a quarter of the time."""
 _FAR_SPREADS = ((np.inf, 1.0), (5.0, 1.0), (2.0, 2.0))
-"""For photos of far light: reach in cells, and power, of light ``(1 + (d / reach)^2)^-power`` at d.
-Their codes are random and few, so that any spread of light matters."""
+"""The same for photos of far light. Their codes are random and few, so that any spread of light
+matters."""
 _FAR_USUAL, _FAR_SURE = np.array([0.4, 0.3, 0.1]), np.array([0.3, 0.2, 0.15])
 """As `_USUAL` and `_SURE`."""
 
@@ -165,9 +167,9 @@ def _spreads(
     """Kinds of smooth light, each as its spread and the part of this that is wanted: far and near
     light, or, beyond a radius, each way in which light may fall off."""
     if beyond:
-        ways = [_spread(_far_kernel(grid, *way, beyond), grid) for way in _FAR_SPREADS]
+        ways = [_spread(_kernel(grid, *way, beyond), grid) for way in _FAR_SPREADS]
         return [(way, way) for way in ways]
-    kernel = _kernel(grid)
+    kernel = _kernel(grid, *_NEAR_SPREAD)
     counted = kernel.copy()
     for (row, col), share in average_neighbour_weights(
         codes.left, codes.right, codes.weight, grid
@@ -247,19 +249,9 @@ def average_neighbour_weights(
     return found
 
 
-def _kernel(grid: tuple[int, int]) -> Floats:
-    """``1 / (1 + (d / HALF_LIGHT_CELLS)^2)`` of all offsets, those below 0 counted from the end."""
-    row, col = (
-        np.minimum(np.arange(size), size - np.arange(size)).astype(np.float64)
-        for size in _padded(grid)
-    )
-    kernel: Floats = 1.0 / (1.0 + (row[:, None] ** 2 + col**2) / HALF_LIGHT_CELLS**2)
-    kernel[0, 0] = 0.0
-    return kernel
-
-
-def _far_kernel(grid: tuple[int, int], reach: float, power: float, radius: int) -> Floats:
-    """The same that falls over `reach` cells, with nothing within `radius`."""
+def _kernel(grid: tuple[int, int], reach: float, power: float, radius: int = 0) -> Floats:
+    """``(1 + (d / reach)^2)^-power`` of all offsets, those below 0 counted from the end; nothing
+    within `radius`."""
     row, col = (
         np.minimum(np.arange(size), size - np.arange(size)).astype(np.float64)
         for size in _padded(grid)

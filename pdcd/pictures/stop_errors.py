@@ -10,7 +10,6 @@ import numpy as np
 from pdcd.arrays import Floats
 from pdcd.bench.stops import stop_of
 from pdcd.pictures.picture import Picture, PictureWithErrors, add_code_error
-from pdcd.pictures.to_cells import average_image
 from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.record import RunRecord
 from pdcd.sensor.cells import CellMap
@@ -48,7 +47,7 @@ def _more_error(picture: PictureWithErrors, error: Floats, cells: CellMap) -> Pi
     """A picture with one more error (h, w, C) that neighbours share."""
     of_cells = picture.of_cells
     if of_cells is not None:
-        of_cells = np.hypot(of_cells, average_image(error, cells).reshape(of_cells.shape))
+        of_cells = np.hypot(of_cells, cells.mean(error).reshape(of_cells.shape))
     return replace(add_code_error(picture, error), of_cells=of_cells)
 
 

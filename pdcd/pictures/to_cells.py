@@ -62,14 +62,6 @@ def find_seen_cells(cells: CellMap) -> Bools | None:
     return None if seen.all() else seen
 
 
-def average_image(
-    image: NDArray[np.floating], cells: CellMap, known: Bools | None = None
-) -> Floats:
-    """Means of an image (h, w, C) over cells, (N, C). Only `known` quads (h, w) count, None for
-    all; cells that none of them sees are 0."""
-    return cells.mean(image, known)
-
-
 def average_shot(shot: FrameLight, cells: CellMap) -> CellLight:
     """Means of a shot over cells, from all quads, also those that see neighbours."""
     return CellLight(cells.mean(shot.light), cells.error_of_mean(shot.variance))

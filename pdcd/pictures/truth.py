@@ -13,7 +13,6 @@ from pdcd.arrays import Bools, Floats
 from pdcd.bench.tables import Config
 from pdcd.errors import DecodeError, disk_errors
 from pdcd.pictures.picture import PictureWithErrors
-from pdcd.pictures.to_cells import average_image
 from pdcd.pictures.to_quads import expand_to_quads
 from pdcd.probing.wanted import WantedMatrix
 from pdcd.recipes.recipe import Extremes, Recipe
@@ -66,7 +65,7 @@ class KnownAnswer:
     def on_cells(self, cells: CellMap) -> Floats:
         """Means over the cells, (rows, cols, C) float64; NaN where a cell cannot be compared."""
         seen = self.seen if self.of_cells else cells.seen(self.seen)
-        image = self.image if self.of_cells else average_image(self.image, cells, self.seen)
+        image = self.image if self.of_cells else cells.mean(self.image, self.seen)
         whole = np.where(seen[:, None], image, np.nan).astype(np.float64)
         return whole.reshape(*cells.grid, image.shape[1])
 

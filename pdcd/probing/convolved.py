@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats, Indices
-from pdcd.probing.wanted import Grid, MatrixPart, NearPart
+from pdcd.probing.wanted import Grid, MatrixPart, NearPart, sum_boxes
 
 _IMAGES = 16
 """Images that are convolved together; bounds the memory."""
@@ -35,17 +35,17 @@ class KernelPart:
         return self._at(n, m)
 
     def others(self, images: Floats) -> Floats:
-        """See `Part.others`."""
+        """See `MatrixPart.others`."""
         own = self.taps[self._centre]
         return np.asarray(filter_images(images, self.taps, self.grid) - own * images)
 
     def entries(self, column: Indices) -> Floats:
-        """See `Part.entries`."""
+        """See `MatrixPart.entries`."""
         found = self._at(np.arange(column.size), np.maximum(column, 0))
         return np.where(column >= 0, found, 0.0)
 
     def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
-        """See `Part.overlap`."""
+        """See `MatrixPart.overlap`."""
         if isinstance(other, KernelPart):
             shared = self.taps * _cut(other.taps, self.taps.shape)
         elif isinstance(other, NearPart):
@@ -59,7 +59,7 @@ class KernelPart:
         return np.asarray(KernelPart(self.grid, shared).others(weights[None])[0])
 
     def product(self) -> None:
-        """See `Part.product`: there is none."""
+        """See `MatrixPart.product`: there is none."""
 
     @property
     def _centre(self) -> tuple[int, int]:
@@ -118,37 +118,28 @@ class SameRowPart:
     grid: Grid
 
     def rows(self, start: int, stop: int) -> Floats:
-        """See `Part.rows`."""
+        """See `MatrixPart.rows`."""
         row = np.arange(self.grid[0] * self.grid[1]) // self.grid[1]
         return np.asarray(row[start:stop, None] == row[None, :], dtype=np.float64)
 
     def others(self, images: Floats) -> Floats:
-        """See `Part.others`."""
+        """See `MatrixPart.others`."""
         lines = images.reshape(-1, *self.grid)
         return np.asarray((lines.sum(axis=2, keepdims=True) - lines).reshape(images.shape))
 
     def entries(self, column: Indices) -> Floats:
-        """See `Part.entries`."""
+        """See `MatrixPart.entries`."""
         row = np.arange(column.size) // self.grid[1]
         return np.where((column >= 0) & (column // self.grid[1] == row), 1.0, 0.0)
 
     def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
-        """See `Part.overlap`."""
+        """See `MatrixPart.overlap`."""
         if isinstance(other, SameRowPart):
             return np.asarray(self.others(weights[None])[0])
         if isinstance(other, NearPart):
-            lines = _sums(weights.reshape(self.grid), other.radius)
+            lines = sum_boxes(weights.reshape(self.grid), 1, other.radius)
             return np.asarray(lines.ravel() - weights)
         return other.overlap(self, weights)
 
     def product(self) -> None:
-        """See `Part.product`: there is none."""
-
-
-def _sums(lines: Floats, radius: int) -> Floats:
-    """Sums over all cells of a row at most `radius` away, (rows, cols)."""
-    cols = lines.shape[1]
-    running = np.concatenate([np.zeros((len(lines), 1)), np.cumsum(lines, axis=1)], axis=1)
-    here = np.arange(cols)
-    last, first = np.minimum(here + radius + 1, cols), np.maximum(here - radius, 0)
-    return np.asarray(running[:, last] - running[:, first])
+        """See `MatrixPart.product`: there is none."""

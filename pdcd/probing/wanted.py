@@ -61,21 +61,21 @@ class OuterPart:
         return np.outer(self.camera[start:stop], self.projector)
 
     def others(self, images: Floats) -> Floats:
-        """See `Part.others`."""
+        """See `MatrixPart.others`."""
         lit = images * self.projector
         arriving = lit.sum(axis=1, keepdims=True) - lit
         return np.asarray(self.camera * arriving)
 
     def entries(self, column: Indices) -> Floats:
-        """See `Part.entries`."""
+        """See `MatrixPart.entries`."""
         return np.where(column >= 0, self.camera * self.projector[column], 0.0)
 
     def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
-        """See `Part.overlap`."""
+        """See `MatrixPart.overlap`."""
         return np.asarray(self.camera * other.others((self.projector * weights)[None])[0])
 
     def product(self) -> tuple[Floats, Floats]:
-        """See `Part.product`."""
+        """See `MatrixPart.product`."""
         return self.camera, self.projector
 
 
@@ -101,22 +101,22 @@ class MatchPart:
         return out
 
     def others(self, images: Floats) -> Floats:
-        """See `Part.others`."""
+        """See `MatrixPart.others`."""
         out = np.zeros(images.shape)
         there = np.flatnonzero(self._apart)
         out[:, there] = images[:, self.partner[there]]
         return out
 
     def entries(self, column: Indices) -> Floats:
-        """See `Part.entries`."""
+        """See `MatrixPart.entries`."""
         return np.where((column >= 0) & (column == self.partner), 1.0, 0.0)
 
     def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
-        """See `Part.overlap`."""
+        """See `MatrixPart.overlap`."""
         return np.where(self._apart, other.entries(self.partner) * weights[self.partner], 0.0)
 
     def product(self) -> None:
-        """See `Part.product`: there is none."""
+        """See `MatrixPart.product`: there is none."""
 
     @property
     def _apart(self) -> NDArray[np.bool_]:
@@ -140,26 +140,27 @@ class NearPart:
         return np.asarray(np.maximum(down, right) <= self.radius, dtype=np.float64)
 
     def others(self, images: Floats) -> Floats:
-        """See `Part.others`."""
-        boxes = _boxes(_boxes(images.reshape(-1, *self.grid), 1, self.radius), 2, self.radius)
+        """See `MatrixPart.others`."""
+        lines = sum_boxes(images.reshape(-1, *self.grid), 1, self.radius)
+        boxes = sum_boxes(lines, 2, self.radius)
         return np.asarray(boxes.reshape(images.shape) - images)
 
     def entries(self, column: Indices) -> Floats:
-        """See `Part.entries`."""
+        """See `MatrixPart.entries`."""
         r, c = np.divmod(np.arange(column.size), self.grid[1])
         other_r, other_c = np.divmod(column, self.grid[1])
         near = np.maximum(np.abs(r - other_r), np.abs(c - other_c)) <= self.radius
         return np.where((column >= 0) & near, 1.0, 0.0)
 
     def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
-        """See `Part.overlap`."""
+        """See `MatrixPart.overlap`."""
         if isinstance(other, NearPart):
             inner = self if self.radius <= other.radius else other
             return np.asarray(inner.others(weights[None])[0])
         return other.overlap(self, weights)
 
     def product(self) -> None:
-        """See `Part.product`: there is none."""
+        """See `MatrixPart.product`: there is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,19 +175,19 @@ class GainPart:
         return np.asarray(self.camera[start:stop, None] * self.part.rows(start, stop))
 
     def others(self, images: Floats) -> Floats:
-        """See `Part.others`."""
+        """See `MatrixPart.others`."""
         return np.asarray(self.camera * self.part.others(images))
 
     def entries(self, column: Indices) -> Floats:
-        """See `Part.entries`."""
+        """See `MatrixPart.entries`."""
         return np.asarray(self.camera * self.part.entries(column))
 
     def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
-        """See `Part.overlap`."""
+        """See `MatrixPart.overlap`."""
         return np.asarray(self.camera * self.part.overlap(other, weights))
 
     def product(self) -> tuple[Floats, Floats] | None:
-        """See `Part.product`."""
+        """See `MatrixPart.product`."""
         sides = self.part.product()
         return None if sides is None else (self.camera * sides[0], sides[1])
 
@@ -203,19 +204,19 @@ class IlluminatedPart:
         return np.asarray(self.part.rows(start, stop) * self.projector)
 
     def others(self, images: Floats) -> Floats:
-        """See `Part.others`."""
+        """See `MatrixPart.others`."""
         return self.part.others(images * self.projector)
 
     def entries(self, column: Indices) -> Floats:
-        """See `Part.entries`."""
+        """See `MatrixPart.entries`."""
         return np.asarray(self.part.entries(column) * self.projector[column])
 
     def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
-        """See `Part.overlap`."""
+        """See `MatrixPart.overlap`."""
         return self.part.overlap(other, weights * self.projector)
 
     def product(self) -> tuple[Floats, Floats] | None:
-        """See `Part.product`."""
+        """See `MatrixPart.product`."""
         sides = self.part.product()
         return None if sides is None else (sides[0], sides[1] * self.projector)
 
@@ -231,15 +232,15 @@ class FullPart:
         return self.matrix[start:stop]
 
     def others(self, images: Floats) -> Floats:
-        """See `Part.others`."""
+        """See `MatrixPart.others`."""
         return np.asarray(images @ self.matrix.T - images * self.matrix.diagonal())
 
     def entries(self, column: Indices) -> Floats:
-        """See `Part.entries`."""
+        """See `MatrixPart.entries`."""
         return np.where(column >= 0, self.matrix[np.arange(column.size), column], 0.0)
 
     def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
-        """See `Part.overlap`."""
+        """See `MatrixPart.overlap`."""
         cells = weights.size
         total = np.empty(cells)
         for start in range(0, cells, WANTED_BLOCK):
@@ -250,7 +251,7 @@ class FullPart:
         return total
 
     def product(self) -> None:
-        """See `Part.product`: there is none."""
+        """See `MatrixPart.product`: there is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,7 +357,7 @@ class WantedMatrix:
 
     def under(self, light: Floats | None) -> WantedMatrix:
         """The same under an illumination of the projector (N,)."""
-        return WantedMatrix(self.grid, self.parts, light, self.by_direct, self.by_light)
+        return replace(self, light=light)
 
     @property
     def uniform(self) -> tuple[float, float] | None:
@@ -384,7 +385,7 @@ def shift_cells(grid: Grid, shift: tuple[int, int]) -> Indices:
     return np.where(inside, r * grid[1] + c, -1)
 
 
-def _boxes(images: Floats, axis: int, radius: int) -> Floats:
+def sum_boxes(images: Floats, axis: int, radius: int) -> Floats:
     """Sums of all entries at most `radius` away along an axis: differences of running sums."""
     size = images.shape[axis]
     before = np.zeros([n + (a == axis) for a, n in enumerate(images.shape)])

@@ -34,52 +34,6 @@ _BLOCK_CELLS = 2
 lies at the edge of its block, where real projectors are not sharp."""
 
 
-def compute_masked_weights(bits: Bools) -> Floats:
-    """Weights of the paper's masked sum, ``1 - i_k`` (appendix): indirect light.
-
-    Parameters
-    ----------
-    bits : (K, N) bool, lit cells of each photo.
-
-    Returns
-    -------
-    (K, N) float64, what to multiply each cell of each photo by before they are added up.
-    """
-    return np.where(bits, 0.0, 1.0)
-
-
-def fit_weights(bits: Bools, *, direct: float, indirect: float) -> Floats:
-    """Weights that find given shares of direct and indirect light, by a line through the photos.
-
-    For each cell, over its own code i_k: photo = indirect / 2 + direct * i_k, all other cells being
-    lit half of the time. The direct weights are signed and add up to 0, so ambient light and all
-    that the photos have in common drop out. For random codes, what is left of other cells has the
-    variance ``Q_n / (K - 1)`` in direct light and ``2 Q_n / (K - 1)`` in indirect light, where Q_n
-    is the sum of their squared transport (eq. 7 of the paper has Q_n / K). It has none of the term
-    ``S_n^2 / K`` of the masked sum, S_n being their sum. It is 0 for Hadamard codes with more codes
-    than cells. Cells that are lit never or always cannot be separated from the others; their
-    weights are 0.
-
-    Indirect light as an ordinary photo less the direct light would have half of that variance for
-    random codes, but the noise of all light: far more where direct light is the stronger.
-
-    Parameters
-    ----------
-    bits : (K, N) bool, lit cells of each photo.
-    direct, indirect : shares to keep.
-
-    Returns
-    -------
-    (K, N) float64.
-    """
-    lit = bits.sum(axis=0)
-    dark = len(bits) - lit
-    known = (lit > 0) & (dark > 0)
-    of_lit = np.where(known, bits / np.maximum(lit, 1), 0.0)
-    of_dark = np.where(known, ~bits / np.maximum(dark, 1), 0.0)
-    return np.asarray(direct * (of_lit - of_dark) + indirect * 2.0 * of_dark)
-
-
 @dataclass(frozen=True, eq=False)
 class CodeMixture:
     """Codes as seen by quads that see several cells, summed over the K photos: (h, w) each.
@@ -95,11 +49,12 @@ class CodeMixture:
 
 
 class MaskedWeights:
-    """`compute_masked_weights`, for cells and for quads."""
+    """Weights of the paper's masked sum, ``1 - i_k`` (appendix): indirect light."""
 
     def __call__(self, bits: Bools) -> Floats:
-        """Weights of cells, (K, N)."""
-        return compute_masked_weights(bits)
+        """Weights of cells, (K, N), from the lit cells (K, N) of each photo: what to multiply each
+        cell of each photo by before they are added up."""
+        return np.where(bits, 0.0, 1.0)
 
     def mixed(self, lit: Floats, all_photos: CodeMixture) -> Floats:
         """Weights in one photo of quads of which the share `lit` was lit. Only photos in which all
@@ -111,14 +66,34 @@ class MaskedWeights:
 
 @dataclass(frozen=True)
 class FittedWeights:
-    """`fit_weights`, for cells and for quads."""
+    """Weights that find given shares of direct and indirect light, by a line through the photos.
+
+    For each cell, over its own code i_k: photo = indirect / 2 + direct * i_k, all other cells being
+    lit half of the time. The direct weights are signed and add up to 0, so ambient light and all
+    that the photos have in common drop out. For random codes, what is left of other cells has the
+    variance ``Q_n / (K - 1)`` in direct light and ``2 Q_n / (K - 1)`` in indirect light, where Q_n
+    is the sum of their squared transport (eq. 7 of the paper has Q_n / K). It has none of the term
+    ``S_n^2 / K`` of the masked sum, S_n being their sum. It is 0 for Hadamard codes with more codes
+    than cells. Cells that are lit never or always cannot be separated from the others; their
+    weights are 0.
+
+    Indirect light as an ordinary photo less the direct light would have half of that variance for
+    random codes, but the noise of all light: far more where direct light is the stronger.
+
+    direct, indirect : shares to keep.
+    """
 
     direct: float
     indirect: float
 
     def __call__(self, bits: Bools) -> Floats:
-        """Weights of cells, (K, N)."""
-        return fit_weights(bits, direct=self.direct, indirect=self.indirect)
+        """Weights of cells, (K, N), as of `MaskedWeights`."""
+        lit = bits.sum(axis=0)
+        dark = len(bits) - lit
+        known = (lit > 0) & (dark > 0)
+        of_lit = np.where(known, bits / np.maximum(lit, 1), 0.0)
+        of_dark = np.where(known, ~bits / np.maximum(dark, 1), 0.0)
+        return np.asarray(self.direct * (of_lit - of_dark) + self.indirect * 2.0 * of_dark)
 
     def mixed(self, lit: Floats, all_photos: CodeMixture) -> Floats:
         """Weights in one photo of quads of which the share `lit` was lit: by a line through the

@@ -11,7 +11,7 @@ from pdcd.arrays import Floats
 from pdcd.probing.convolved import KernelPart
 from pdcd.probing.wanted import MatchPart, OuterPart, UniformPart, WantedMatrix, shift_cells
 from pdcd.recipes import off_axis
-from pdcd.recipes.maker import RecipeMaker, match_own_cells
+from pdcd.recipes.maker import RecipeMaker
 from pdcd.recipes.partners import Partner, list_partner_cells
 from pdcd.recipes.programs import CodedProgram, ConvolvedProgram, SignedProgram
 from pdcd.recipes.recipe import Extremes, Rule
@@ -85,11 +85,7 @@ def _fraction(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]:
 
 def _matched(maker: RecipeMaker, name: str, partner: Partner) -> None:
     """A photo of one chosen projector cell for each camera cell, by signed codes."""
-    grid = maker.target.grid
-    if partner is None:
-        part = match_own_cells(maker.target)
-    else:
-        part = MatchPart(shift_cells(grid, partner) if isinstance(partner, tuple) else partner)
+    part = MatchPart(list_partner_cells(partner, maker.target.grid))
     maker.signed(name, lambda positive: SignedProgram(((1.0, partner),), positive), (1.0, part))
 
 

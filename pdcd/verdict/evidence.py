@@ -137,6 +137,13 @@ class Evidence:
         return [shot for shot in self.record.shots if shot.name in names]
 
     @cached_property
+    def window(self) -> str:
+        """The mask's windows in the first of these shots that is not white; "whole" without one."""
+        windows = {shot.name: shot.window for shot in self.records}
+        shown = (windows[n] for n in self.names if n in windows and not self.planned[n].white)
+        return next(shown, "whole")
+
+    @cached_property
     def panels(self) -> dict[str, ExposedShot]:
         """Shots and weighted sums of them, by the names that photos use."""
         return {**self.decoded.shots, **self.decoded.sums}

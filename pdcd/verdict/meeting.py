@@ -161,9 +161,7 @@ def _find_unexplained(seen: Evidence, lost: float) -> float:
     row of its own."""
     from pdcd.pictures.lost_direct import estimate_lost_direct  # few runs have looked
 
-    windows = {shot.name: shot.window for shot in seen.record.shots}
-    shown = [windows[n] for n in seen.names if n in windows and not seen.planned[n].white]
-    kept = 1.0 - estimate_lost_direct(seen.record, next(iter(shown), "whole")).mean
+    kept = 1.0 - estimate_lost_direct(seen.record, seen.window).mean
     return 1.0 - (1.0 - lost) / kept if kept > 0.5 else 0.0
 
 

@@ -43,8 +43,6 @@ _HARDLY = 0.05
 def judge_blocks(seen: Evidence, look: PanelLook) -> Iterator[VerdictFinding]:
     """Findings from photos of blocks on where panels and camera are, once the pictures are made."""
     record, image = seen.record, seen.decoded.answer.image
-    windows = {shot.name: shot.window for shot in record.shots}
-    shown = [windows[n] for n in seen.names if n in windows and not seen.planned[n].white]
     answer = compute_rms(seen.inside(image))
     white, direct = (seen.pictures.get(name) for name in ("white", "direct"))
 
@@ -56,7 +54,7 @@ def judge_blocks(seen: Evidence, look: PanelLook) -> Iterator[VerdictFinding]:
             light = seen.inside(direct.image) / (1.0 - lost.mean)
         return lost.rms * float(np.sqrt(np.nanmean(light**2))) / answer
 
-    yield from _judge_look(record, look, next(iter(shown), "whole"), share)
+    yield from _judge_look(record, look, seen.window, share)
     beside = find_quads_beside_mask(record, seen.cells)
     if beside is not None and beside.any():
         part = float(np.count_nonzero(beside & seen.cells.known)) / max(

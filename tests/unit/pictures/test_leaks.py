@@ -126,7 +126,8 @@ def test_the_noise_of_ambient_light_is_that_of_a_photo_and_its_black_exposure(sh
     electron = 1e-7
     shots, _, ambient, _, image, clean = bench(0.3, 0.0, 0.0)
     one = shots["coded"]
-    noisy: ExposedShot = replace(one, variance=electron * one.light)  # type: ignore[type-var]
+    assert isinstance(one, ComputedShot)
+    noisy = replace(one, variance=electron * one.light)
     recipe = make_recipe(Target(Goal(name="indirect"), GRID), CaptureScheme(white=False))
     recipe = replace(recipe, pictures={"indirect": ((share, "coded"),)})
     found = predict_photo_variances(

@@ -10,8 +10,10 @@ from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.alternatives import (
-    compute_masked_weights,
-    fit_weights,
+    ALL_DARK,
+    CodeMixture,
+    FittedWeights,
+    MaskedWeights,
     make_checkers,
 )
 from pdcd.recipes.goals import Target
@@ -52,7 +54,7 @@ def test_hadamard_photos_are_exact_with_more_codes_than_cells(
     t, bits = transport(), codes("hadamard", 64)
     own = np.diag(t)
     truth = direct * own + indirect * (t.sum(axis=1) - own)
-    found = weighted(fit_weights(bits, direct=direct, indirect=indirect), bits, t)
+    found = weighted(FittedWeights(direct, indirect)(bits), bits, t)
     np.testing.assert_allclose(found, truth, rtol=1e-12)
 
 
@@ -70,10 +72,9 @@ def test_error_of_random_codes_has_no_bias_and_the_variance_of_the_formulas(what
         bits = random_bits(rng, count)
         photos = bits @ t.T
         if what == "masked":
-            weights = compute_masked_weights(bits) * 4.0 / count
+            weights = MaskedWeights()(bits) * 4.0 / count
         else:
-            kept = {"direct": (1.0, 0.0), "indirect": (0.0, 1.0)}[what]
-            weights = fit_weights(bits, direct=kept[0], indirect=kept[1])
+            weights = FittedWeights(float(what == "direct"), float(what == "indirect"))(bits)
         found[run] = np.sum(weights * photos, axis=0)
     expected = {
         "direct": q / (count - 1),
@@ -91,9 +92,48 @@ def test_error_of_random_codes_has_no_bias_and_the_variance_of_the_formulas(what
 def test_cells_that_never_change_have_no_weights() -> None:
     bits = random_bits(np.random.default_rng(5), 16)
     bits[:, 3], bits[:, 7] = True, False
-    weights = fit_weights(bits, direct=1.0, indirect=1.0)
+    weights = FittedWeights(1.0, 1.0)(bits)
     assert not weights[:, [3, 7]].any()
     assert weights.any(axis=0).sum() == N - 2
+
+
+def mixture(lit: Floats, dark: float = 3.0) -> CodeMixture:
+    """Of quads whose lit shares were `lit` in each of the photos, (K, n)."""
+    squares = np.sum(lit**2, axis=0)
+    return CodeMixture(len(lit), np.sum(lit, axis=0), squares, np.full(lit.shape[1], dark))
+
+
+@pytest.mark.parametrize(("lit", "weight"), [(0.0, 2.0), (0.5 * ALL_DARK, 2.0), (0.5, 0.0)])
+def test_a_quad_of_several_cells_counts_where_all_that_it_sees_is_dark(
+    lit: float, weight: float
+) -> None:
+    """As much in all as if that were half of the photos: of twelve, here in three of them."""
+    none = np.zeros((12, 1))
+    assert MaskedWeights().mixed(np.array([lit]), mixture(none)) == weight
+    assert MaskedWeights().mixed(np.array([lit]), mixture(none, dark=0.0)) == 0.0
+
+
+@pytest.mark.parametrize(("direct", "indirect"), [(1.0, 0.0), (0.0, 1.0), (1.0, 0.25)])
+def test_a_quad_that_sees_one_cell_has_its_weights(direct: float, indirect: float) -> None:
+    bits = random_bits(np.random.default_rng(0), 12)
+    lit, how = bits.astype(float), FittedWeights(direct, indirect)
+    found = np.stack([how.mixed(one, mixture(lit)) for one in lit])
+    np.testing.assert_allclose(found, how(bits), atol=1e-12)
+
+
+def test_quads_of_several_cells_are_fitted_by_a_line_over_the_share_that_was_lit() -> None:
+    """Light in proportion to the share: direct is its slope, indirect twice its value at 0."""
+    lit = np.random.default_rng(1).random((12, 5))
+    photos = 0.3 + 0.8 * lit
+    for how, wanted in (
+        (FittedWeights(1.0, 0.0), 0.8),
+        (FittedWeights(0.0, 1.0), 0.6),
+        (FittedWeights(1.0, 0.5), 1.1),
+    ):
+        weights = np.stack([how.mixed(one, mixture(lit)) for one in lit])
+        np.testing.assert_allclose(np.sum(weights * photos, axis=0), wanted)
+    same = np.full((12, 1), 0.5)  # of what does not change nothing is known
+    assert not FittedWeights(1.0, 1.0).mixed(np.array([0.7]), mixture(same)).any()
 
 
 @pytest.mark.parametrize("block", [1, 2, 3])

@@ -17,7 +17,7 @@ from pdcd.codes.pilot.matching import (
     find_partners,
     weigh_partners,
 )
-from pdcd.recipes.alternatives import fit_weights
+from pdcd.recipes.alternatives import FittedWeights
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -55,7 +55,7 @@ def indirect_errors(transport: Floats, codes: Bools, photos: Floats) -> tuple[fl
     noise = np.zeros(CELLS)
     partners = find_partners(codes, photos, GRID, noise)
     paths = weigh_partners(partners, codes, photos, GRID, noise)
-    weights = fit_weights(codes, direct=0.0, indirect=1.0)
+    weights = FittedWeights(0.0, 1.0)(codes)
     image = np.sum(weights * photos, axis=0)
     better = image + compute_path_correction(weights, codes.astype(np.float64), 1.0, paths)
     scale = np.sqrt(np.mean(truth**2))
