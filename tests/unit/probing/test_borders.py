@@ -30,14 +30,13 @@ def config(projector: tuple[int, int], mask: tuple[int, int], **placed: Any) -> 
     )
 
 
-def apart_px(rig: Config) -> float:
+def apart(rig: Config, grid: tuple[int, int] = GRID) -> tuple[float, float]:
+    """How far, in pixels, and in which share of the field they draw different cells."""
     panels = panels_of(rig)
-    return cell_mismatch_px(panels.projector, panels.mask, GRID, rig.projector.size_px)
-
-
-def apart_share(rig: Config) -> float:
-    panels = panels_of(rig)
-    return compute_cell_mismatch_share(panels.projector, panels.mask, GRID)
+    return (
+        cell_mismatch_px(panels.projector, panels.mask, grid, rig.projector.size_px),
+        compute_cell_mismatch_share(panels.projector, panels.mask, grid),
+    )
 
 
 @pytest.mark.parametrize(
@@ -50,8 +49,7 @@ def apart_share(rig: Config) -> float:
     ],
 )
 def test_panels_whose_pixels_meet_take_whole_cells(rig: Config) -> None:
-    assert apart_px(rig) == 0.0
-    assert apart_share(rig) == 0.0
+    assert apart(rig) == (0.0, 0.0)
     assert choose_grid_window("auto", rig, GRID) == "whole"
 
 
@@ -84,7 +82,7 @@ def test_all_others_take_quarter_windows_which_bear_what_is_drawn(rig: Config) -
     both = np.isfinite(lit + opened).all(axis=1)
     differ = both & (np.floor(lit) != np.floor(opened)).any(axis=1)
     assert differ.any()
-    assert apart_share(rig) == pytest.approx(differ.mean(), rel=0.1)
+    assert apart(rig)[1] == pytest.approx(differ.mean(), rel=0.1)
     within = np.abs(opened % 1.0 - 0.5).max(axis=1) <= 0.5 - found.guard  # the window of its cell
     assert not (differ & within).any()
 
@@ -131,25 +129,12 @@ STEP_PX = 2.0 * 2.0 * 0.5**0.5 / ACROSS
 """How finely it is looked: twice half a pixel each way, over so many places."""
 
 
-def apart(offset_px: tuple[float, float], grid: tuple[int, int]) -> tuple[float, float]:
-    rig = Config(
-        rig=RigConfig(name="shifted"),
-        projector=PanelConfig(size_px=SIZE),
-        mask=PanelConfig(size_px=SIZE, place=Placing(offset_px=offset_px)),
-    )
-    panels = panels_of(rig)
-    return (
-        cell_mismatch_px(panels.projector, panels.mask, grid, SIZE),
-        compute_cell_mismatch_share(panels.projector, panels.mask, grid),
-    )
-
-
 @pytest.mark.parametrize("by_px", [0.2, 0.4, -0.3, -0.45])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_mask_that_lies_beside_its_place_draws_borders_there(axis: int, by_px: float) -> None:
     """Cells end at pixels of the projector; the mask's pixels end so much further."""
     grid, offset = ((1, 32), (by_px, 0.0)) if axis == 0 else ((24, 1), (0.0, by_px))
-    found_px, share = apart(offset, grid)
+    found_px, share = apart(config(SIZE, SIZE, offset_px=offset), grid)
     assert abs(by_px) - STEP_PX <= found_px <= abs(by_px)
     borders = grid[1 - axis] - 1
     assert share == pytest.approx(borders * abs(by_px) / SIZE[axis], rel=0.02)
@@ -159,7 +144,8 @@ def test_a_mask_that_lies_beside_its_place_draws_borders_there(axis: int, by_px:
 @pytest.mark.parametrize("axis", [0, 1])
 def test_corners_do_not_widen_what_lies_beside_one_border(axis: int, by_px: float) -> None:
     """Near a corner the panels differ across the other border, too, however far this one is."""
-    found_px, _ = apart((by_px, 0.0) if axis == 0 else (0.0, by_px), (24, 32))
+    offset = (by_px, 0.0) if axis == 0 else (0.0, by_px)
+    found_px, _ = apart(config(SIZE, SIZE, offset_px=offset))
     assert by_px - STEP_PX <= found_px <= by_px
 
 
@@ -173,5 +159,5 @@ def test_corners_do_not_widen_what_lies_beside_one_border(axis: int, by_px: floa
 def test_only_borders_that_there_are_can_be_apart(
     grid: tuple[int, int], offset: tuple[float, float], seen: bool
 ) -> None:
-    found_px, share = apart(offset, grid)
+    found_px, share = apart(config(SIZE, SIZE, offset_px=offset), grid)
     assert (found_px > 0.0) is (share > 0.0) is seen

@@ -173,12 +173,3 @@ def test_products_say_so(name: str) -> None:
             again = more.product()
             assert again is not None
             np.testing.assert_allclose(np.outer(*again), whole)
-
-
-def test_another_light_leaves_the_rest_as_it_is() -> None:
-    wanted = WantedMatrix(GRID, ((2.0, UniformPart(CELLS)),), None, by_direct=True, by_light=True)
-    under = wanted.under(LIGHT)
-    assert under.light is LIGHT and under.by_direct and under.by_light
-    assert under.parts is wanted.parts and under.grid == GRID
-    plain = WantedMatrix(GRID, wanted.parts).under(LIGHT)
-    assert not plain.by_direct and not plain.by_light
