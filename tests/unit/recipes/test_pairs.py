@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -101,13 +100,14 @@ def test_black_exposures_and_parts_come_in_pairs() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("goal", [Goal(name="fraction", p=0.25), Goal(name="diagonal")])
-def test_other_goals_are_refused(goal: Goal) -> None:
+@pytest.mark.parametrize(
+    "target",
+    [
+        Target(Goal(name="fraction", p=0.25), GRID),
+        Target(Goal(name="diagonal"), GRID),
+        Target(Goal(name="indirect"), GRID, {"illumination": np.full(N, 0.5)}),
+    ],
+)
+def test_other_goals_and_an_illumination_are_refused(target: Target) -> None:
     with pytest.raises(RequestError, match="method pairs"):
-        make_recipe(Target(goal, GRID), CaptureScheme(method="pairs"))
-
-
-def test_an_illumination_is_refused() -> None:
-    target = Target(Goal(name="indirect"), GRID, {"illumination": np.full(N, 0.5)})
-    with pytest.raises(RequestError, match="method pairs"):
-        make_recipe(replace(target), CaptureScheme(method="pairs"))
+        make_recipe(target, CaptureScheme(method="pairs"))

@@ -8,78 +8,23 @@ import numpy as np
 import pytest
 
 from pdcd.errors import RequestError
+from pdcd.panels.lattice import Lattice
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
-from pdcd.recipes.each import RECIPES
+from pdcd.recipes import each
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import make_recipe
-from pdcd.recipes.programs import (
-    ConvolvedProgram,
-    FloodlitProgram,
-    SignedProgram,
-)
+from pdcd.recipes.programs import FloodlitProgram
 from pdcd.recipes.recipe import Extremes
 
 GRID = (4, 8)
 N = 32
-WARP = np.random.default_rng(0).permutation(N)
 LIGHT = np.linspace(0.25, 1.0, N)
 
 
 def target(name: str, **given: Any) -> Target:
-    planes = {k: np.asarray(v, float) for k, v in given.items() if k in PLANES}
-    matrices = {k: np.asarray(v, float) for k, v in given.items() if k in ("matrix", "kernel")}
-    numbers = {k: v for k, v in given.items() if k not in planes and k not in matrices}
-    return Target(Goal(name=name, **numbers), GRID, planes, matrices)  # type: ignore[arg-type]
-
-
-PLANES = ("illumination", "warp", "warp_b", "region_a", "region_b")
-ONE = {"region_a": np.ones(N), "region_b": np.ones(N)}
-
-PICTURES: list[tuple[str, dict[str, Any], dict[str, Any], list[str]]] = [
-    ("white", {}, {"white": ((1.0, "white"),)}, ["white"]),
-    (
-        "indirect", {},
-        {"indirect": ((1.0, "coded"),), "white": ((1.0, "white"),),
-         "direct": ((1.0, "white"), (-1.0, "coded"))},
-        ["white", "coded"],
-    ),
-    (
-        "direct", {},
-        {"direct": ((1.0, "white"), (-1.0, "coded")), "white": ((1.0, "white"),),
-         "indirect": ((1.0, "coded"),)},
-        ["white", "coded"],
-    ),
-    ("fraction", {"p": 0.25}, {"fraction": ((1.0, "coded"),)}, ["coded"]),
-    ("illuminated", {"illumination": LIGHT}, {"illuminated": ((1.0, "white"),)}, ["white"]),
-    ("diagonal", {}, {"diagonal": ((1.0, "matched"),)}, ["matched-plus", "matched-minus"]),
-    ("off-diagonal", {"shift": (0, 1)}, {"off-diagonal": ((1.0, "matched"),)},
-     ["matched-plus", "matched-minus"]),
-    ("off-diagonal", {"shift": (0, 1), "p": 0.5}, {"off-diagonal": ((1.0, "coded"),)}, ["coded"]),
-    ("warped", {"warp": WARP}, {"warped": ((1.0, "matched"),)}, ["matched-plus", "matched-minus"]),
-    ("two-samples", {"warp": WARP, "warp_b": WARP, "mix": (0.75, -2.0)},
-     {"two-samples": ((0.75, "first"), (-2.0, "second"))},
-     ["first-plus", "first-minus", "second-plus", "second-minus"]),
-    ("long-range", {"radius": 2}, {"long-range": ((1.0, "far"),)}, ["far"]),
-    ("short-range", {"radius": 2},
-     {"short-range": ((1.0, "coded"), (-1.0, "far")), "indirect": ((1.0, "coded"),),
-      "long-range": ((1.0, "far"),)}, ["coded", "far"]),
-    ("blocked", ONE, {"blocked": ((1.0, "blocked"),)}, ["blocked"]),
-    ("descattered", {"shift": (0, 1)}, {"descattered": ((1.0, "difference"),)},
-     ["difference-plus", "difference-minus"]),
-    ("filtered", {"kernel": np.ones((3, 3))}, {"filtered": ((1.0, "filtered"),)},
-     ["filtered-plus", "filtered-minus"]),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("name", "given", "pictures", "shots"), PICTURES)
-def test_pictures_of_a_goal(
-    name: str, given: dict[str, Any], pictures: dict[str, Any], shots: list[str]
-) -> None:
-    recipe = make_recipe(target(name, **given), CaptureScheme())
-    assert recipe.pictures == pictures and list(recipe.pictures) == list(pictures)
-    assert [shot.name for shot in recipe.shots] == shots
-    assert recipe.answer_name == name and recipe.answer == pictures[name]
-    assert name in RECIPES
+    planes = {"illumination": given.pop("illumination")} if "illumination" in given else {}
+    matrices = {"kernel": given.pop("kernel")} if "kernel" in given else {}
+    return Target(Goal(name=name, **given), GRID, planes, matrices)  # type: ignore[arg-type]
 
 
 def test_stripes_move_by_a_quarter_of_their_period() -> None:
@@ -93,18 +38,45 @@ def test_stripes_move_by_a_quarter_of_their_period() -> None:
     for step, photo in enumerate(recipe.photos):
         lit = [((col + 2 * step) % 8) < 4 for col in range(8)] * 4
         np.testing.assert_array_equal(photo.wanted.light, np.array(lit, float))
-        assert photo.wanted.by_light
     assert recipe.main == "stripes-3"
     with pytest.raises(RequestError, match="no sum of photos"):
         _ = recipe.wanted
 
 
-@pytest.mark.parametrize(("taps", "kind"), [(255, SignedProgram), (256, ConvolvedProgram)])
-def test_kernels_of_very_many_taps_are_convolved(taps: int, kind: type) -> None:
-    kernel = np.zeros((17, 17))
-    kernel.ravel()[:taps] = 1.0
-    recipe = make_recipe(target("filtered", kernel=kernel), CaptureScheme())
-    assert {type(p) for p in recipe.programs.values()} == {kind}
+def test_a_kernel_over_the_whole_grid_is_the_sum_of_its_taps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With very many taps it is convolved."""
+    kernel = np.random.default_rng(1).standard_normal((7, 15))
+    made = []
+    for many_taps in (10**9, 1):
+        monkeypatch.setattr(each, "MANY_TAPS", many_taps)
+        made.append(make_recipe(target("filtered", kernel=kernel), CaptureScheme(codes=16)))
+    single, whole = made
+    assert len(single.wanted.parts) == 7 * 15 and len(whole.wanted.parts) == 1
+    np.testing.assert_array_equal(whole.wanted.dense(), single.wanted.dense())
+    lattice = Lattice(GRID, "quarter")
+    bits = np.random.default_rng(3).random((16, lattice.lattice_cells)) < 0.5
+    for name, program in single.programs.items():
+        wanted, found = program.pairs(bits, lattice), whole.programs[name].pairs(bits, lattice)
+        np.testing.assert_array_equal(found[0], wanted[0])
+        np.testing.assert_allclose(found[1], wanted[1], atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("goal", "numbers", "scaled"),
+    [
+        ("split", {"period": 4}, True), ("fraction", {"p": 0.25, "shift": (0, 1)}, True),
+        ("fraction", {"p": 0.25}, False),
+    ],
+)  # fmt: skip
+def test_what_windows_smear_is_scaled_by_all_its_light(
+    goal: str, numbers: dict[str, Any], scaled: bool
+) -> None:
+    """Stripes, and matched cells beside a share of the rest: half of the light of a matched cell
+    comes from those beside it."""
+    recipe = make_recipe(target(goal, **numbers), CaptureScheme())
+    assert {photo.wanted.by_light for photo in recipe.photos} == {scaled}
 
 
 def test_a_pilot_comes_before_the_coded_shots() -> None:

@@ -93,6 +93,42 @@ def test_noise_stays_in_the_rest_and_numbers_without_structure_are_left_alone() 
         assert not whole.found and whole.rest is matrix
 
 
+@pytest.mark.parametrize(("scattered", "found"), [(2, True), (600, False)])
+def test_parts_are_taken_out_where_they_are_half_of_a_matrix(scattered: int, found: bool) -> None:
+    """Thirty matched cells of one weight, beside numbers that are all different."""
+    rng = np.random.default_rng(7)
+    matrix = np.zeros((N, N))
+    rows, columns = rng.permutation(N)[:30], rng.permutation(N)[:30]
+    matrix.ravel()[rng.permutation(N * N)[:scattered]] = 0.5 + rng.random(scattered)
+    matrix[rows, columns] = 0.4
+    made = find_structure(matrix, GRID)
+    assert made.found == found
+    if not found:
+        assert made.rest is matrix and made.matches == ()
+    np.testing.assert_allclose(made.rows(0, N), matrix, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("weights", "near"),
+    [
+        ([1.0], ((1.0, 1),)), ([1.0, 0.5], ((0.5, 1), (0.5, 2))),
+        ([0.5, 0.5], ((0.5, 2),)), ([1.0, 0.75, 0.5], ()),
+    ],
+)  # fmt: skip
+def test_bands_have_two_weights_at_most(
+    weights: list[float], near: tuple[tuple[float, int], ...]
+) -> None:
+    grid = (14, 16)
+    cells = np.arange(224)
+    far = np.maximum(
+        np.abs(cells[:, None] // 16 - cells // 16), np.abs(cells[:, None] % 16 - cells % 16)
+    )
+    matrix = 3.0 + np.r_[weights[0], weights, np.zeros(16)][far]
+    made = find_structure(matrix, grid)
+    assert made.near == near and made.level == 3.0
+    np.testing.assert_allclose(made.rows(0, 224), matrix, atol=1e-9)
+
+
 def test_a_band_whose_weights_scatter_is_no_band() -> None:
     rng = np.random.default_rng(5)
     matrix = 1.0 - near(2) * (1.0 + 0.3 * rng.standard_normal((N, N)))

@@ -1,4 +1,4 @@
-"""What is left alone of a matrix, how plain ones are shown, and isolation of very many pairs."""
+"""Path isolation, and slices of the transport matrix: their exposures, and their limits."""
 
 from __future__ import annotations
 
@@ -17,26 +17,7 @@ from pdcd.recipes.isolation import (
     use_path_isolation,
 )
 from pdcd.recipes.make import make_recipe
-from pdcd.recipes.structure import find_structure
-from pdcd.recipes.transport import MOST_PHOTOS, Slice, check_slice, count_slice_photos
-
-GRID = (9, 12)
-N = 108
-
-
-@pytest.mark.parametrize(("scattered", "found"), [(2, True), (600, False)])
-def test_parts_are_taken_out_where_they_are_half_of_a_matrix(scattered: int, found: bool) -> None:
-    """Thirty matched cells of one weight, beside numbers that are all different."""
-    rng = np.random.default_rng(7)
-    matrix = np.zeros((N, N))
-    rows, columns = rng.permutation(N)[:30], rng.permutation(N)[:30]
-    matrix.ravel()[rng.permutation(N * N)[:scattered]] = 0.5 + rng.random(scattered)
-    matrix[rows, columns] = 0.4
-    made = find_structure(matrix, GRID)
-    assert made.found == found
-    if not found:
-        assert made.rest is matrix and made.matches == ()
-    np.testing.assert_allclose(made.rows(0, N), matrix, atol=1e-6)
+from pdcd.recipes.transport import Slice, check_slice, count_slice_photos
 
 
 def all_but_own(cells: int) -> WantedMatrix:
@@ -48,7 +29,7 @@ def all_but_own(cells: int) -> WantedMatrix:
 def test_isolation_has_a_slot_for_each_pair_that_counts() -> None:
     own = WantedMatrix((1, 300), ((2.0, MatchPart(np.arange(300))),))
     confocal = Isolation(own, True, True)
-    assert confocal.count() == 300 and not confocal.coded and confocal.p == 0.5
+    assert confocal.count() == 300
     lit, opened = confocal.pairs(np.zeros((0, 300), np.bool_), Lattice((1, 300)))
     np.testing.assert_array_equal(lit, np.eye(300))
     np.testing.assert_array_equal(opened, np.eye(300))
@@ -106,7 +87,6 @@ def test_photos_of_a_slice_are_an_order_less_one() -> None:
     """A column for each cell, one of ones, and four left over: of order 8, 12, 16, 20 ..."""
     wanted = {1: 7, 3: 7, 4: 11, 7: 11, 8: 15, 11: 15, 12: 19, 1019: 1023, 1020: 1031}
     assert {cells: count_slice_photos(cells) for cells in wanted} == wanted
-    assert MOST_PHOTOS == 1024
 
 
 def test_a_slice_has_its_rows_and_its_limit_of_photos() -> None:
