@@ -8,7 +8,6 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from pdcd.pictures.picture import ErrorCause
 from pdcd.verdict.answer import (
     judge_error_bars,
     judge_negative_light,
@@ -18,7 +17,6 @@ from pdcd.verdict.answer import (
 from pdcd.verdict.causes import Grade, VerdictFinding
 
 BAD, DOUBTFUL = Grade.BAD, Grade.DOUBTFUL
-RNG = np.random.default_rng(0)
 
 
 def grades(findings: Iterable[VerdictFinding]) -> list[Grade]:
@@ -56,14 +54,6 @@ def test_one_strong_pixel_is_known_no_better_than_one_number() -> None:
     assert f"off by {100.0 * of_the_rest(wide):.3g} % (RMS, limit 30 %)" in found.text
 
 
-def test_only_sigma_as_it_stands_makes_a_photo_bad() -> None:
-    image = np.ones((3000, 1))
-    for error, grade in ((0.49, DOUBTFUL), (0.51, BAD)):
-        sigma = np.full(image.shape, math.sqrt(error))
-        (found,) = judge_error_bars(image, sigma, 0.0 * image, 3000)
-        assert found.grade == grade
-
-
 def test_where_nothing_is_known_or_nothing_errs_there_is_no_finding() -> None:
     image = np.ones((9, 3))
     assert list(judge_error_bars(image, 0.0 * image, 0.0 * image, 9)) == []
@@ -85,50 +75,36 @@ def test_only_known_values_count() -> None:
 
 
 @pytest.mark.parametrize(
-    ("noise", "grade", "text"),
+    ("negative", "noise", "grade", "text"),
     [
-        (0.0, BAD, "off by 100 % or more (RMS, limit 15 %)"),
-        (0.25, DOUBTFUL, "off by 57.7 % or more"),
+        (1, 0.0, BAD, "off by 100 % or more (RMS, limit 15 %)"),
+        (1, 0.25, DOUBTFUL, "off by 57.7 % or more"),
+        (1, 0.5, None, ""),
+        (1, 1.0, None, ""),
+        (4, 0.0, BAD, "off by as much as all that it shows"),
     ],
 )
 def test_light_below_zero_is_half_of_the_error_without_the_noise(
-    noise: float, grade: Grade, text: str
+    negative: int, noise: float, grade: Grade | None, text: str
 ) -> None:
-    """A quarter of the power is below zero: half of it is error, less the sensor's."""
-    image = np.array([[1.0], [1.0], [1.0], [-1.0]])
-    (found,) = judge_negative_light(image, np.full((4, 1), math.sqrt(noise)))
-    assert found.grade == grade and text in found.text
-
-
-def test_noise_explains_as_much_light_below_zero_as_it_has() -> None:
-    image = np.array([[1.0], [1.0], [1.0], [-1.0]])
-    assert list(judge_negative_light(image, np.full((4, 1), math.sqrt(0.5)))) == []
-    assert list(judge_negative_light(image, np.ones((4, 1)))) == []
-
-
-def test_a_picture_below_zero_is_all_error() -> None:
-    (found,) = judge_negative_light(np.full((4, 1), -1.0), np.zeros((4, 1)))
-    assert found.grade == BAD and "off by as much as all that it shows" in found.text
-
-
-@pytest.mark.parametrize(("error", "grade"), [(0.05, []), (0.3, [DOUBTFUL]), (20.0, [BAD])])
-def test_light_below_zero_is_error(error: float, grade: list[Grade]) -> None:
-    """A third of the field has light, all of it errs; noise below zero is no finding."""
-    truth = np.where(np.arange(4000) % 3 == 0, 1.0, 0.0)[:, None] * np.ones(3)
-    image = truth + error * RNG.normal(size=truth.shape)
-    assert grades(judge_negative_light(image, 0.0 * truth)) == grade
-    image = truth + 0.3 * RNG.normal(size=truth.shape)
-    assert grades(judge_negative_light(image, np.full(truth.shape, 0.3))) == []
+    """Of four pixels of power 1 so many are below zero: half of it is error, less the sensor's."""
+    image = np.where(np.arange(4) < negative, -1.0, 1.0)[:, None]
+    found = list(judge_negative_light(image, np.full((4, 1), math.sqrt(noise))))
+    assert grades(found) == ([] if grade is None else [grade])
+    assert all(text in one.text for one in found)
 
 
 @pytest.mark.parametrize(
-    ("share", "grade"), [(0.2, []), (0.5, [DOUBTFUL]), (0.8, [BAD]), (3.0, [BAD])]
+    ("share", "grade"),
+    [(0.2, []), (0.5, [DOUBTFUL]), (0.7, [DOUBTFUL]), (0.72, [BAD]), (3.0, [BAD])],
 )
 def test_an_answer_below_its_error_bars(share: float, grade: list[Grade]) -> None:
-    """0.8 of what the picture shows is 1.33 of what is left of it without the error."""
+    """The root of a half of what the picture shows is as much as is left of it without the error;
+    the bound is higher, but only sigma as it stands makes a photo bad."""
     image = np.ones((1000, 3))
-    found = list(judge_error_bars(image, share * image, 0.01 * image, 1000))
+    found = list(judge_error_bars(image, share * image, 0.01 * image, 1000, "maps"))
     assert grades(found) == grade
+    assert all("pdcd calibrate registration" in f.text for f in found)  # and not more codes
     assert all(("all that it shows" in f.text) == (share > 1.0) for f in found)
     # What the sensor's noise explains was said of the sensor.
     assert grades(judge_error_bars(image, share * image, share * image, 1000)) == []
@@ -179,13 +155,3 @@ def test_a_pair_is_compared_where_both_are_known() -> None:
     assert grades(judge_pair_sum(sums, lit, variance)) == []
     variance[...] = np.inf
     assert grades(judge_pair_sum(sums, lit, variance)) == []
-
-
-@pytest.mark.parametrize(
-    ("most", "words"), [("codes", "take more codes"), ("maps", "pdcd calibrate registration")]
-)
-def test_error_bars_name_what_they_come_from(most: ErrorCause, words: str) -> None:
-    """Whoever is told to take more codes, where the mask is blurred, takes them in vain."""
-    image = np.ones((400, 3))
-    (found,) = judge_error_bars(image, 0.6 * image, 0.0 * image, 100, most)
-    assert words in found.text

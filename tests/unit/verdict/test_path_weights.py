@@ -1,4 +1,4 @@
-"""Weights of paths that a verdict speaks of, against the whole matrix entry by entry."""
+"""Weights of paths that a verdict speaks of, and where warps tear, against loops over entries."""
 
 from __future__ import annotations
 
@@ -18,14 +18,17 @@ from pdcd.probing.wanted import (
     OuterPart,
     UniformPart,
     WantedMatrix,
+    shift_cells,
 )
 from pdcd.recipes.recipe import RecipePhoto
 from pdcd.verdict.matrices import (
     compute_blocked_weight,
     compute_direct_weight_errors,
     compute_light_share,
+    count_torn_cells,
     judge_never_shown,
     measure_common_error,
+    warp_tear_share,
 )
 
 GRID, N = (3, 4), 12
@@ -181,3 +184,60 @@ def test_cells_whose_light_nobody_wants_need_not_be_lit() -> None:
     seen = WantedMatrix(GRID, ((1.0, OuterPart(dim(slice(3), 0.0), np.ones(N))),))
     realised = add_up(take_random_parts(np.ones(N), dim(slice(3), 0.0), 1, 60))
     assert not list(judge_never_shown("it", realised, seen))
+
+
+WIDE = (5, 7)
+
+
+def count_tears(partner: np.ndarray) -> float:
+    """Pair by pair of the eight cells around each."""
+    bad = 0
+    for n in np.flatnonzero(partner >= 0):
+        row, col = divmod(int(n), 7)
+        differ = False
+        for down in (-1, 0, 1):
+            for right in (-1, 0, 1):
+                r, c = row + down, col + right
+                if 0 <= r < 5 and 0 <= c < 7 and partner[r * 7 + c] >= 0:
+                    (a, b), (d, e) = divmod(int(partner[n]), 7), divmod(int(partner[r * 7 + c]), 7)
+                    differ |= max(abs(d - a - down), abs(e - b - right)) > 1
+        bad += differ
+    return bad / max(int((partner >= 0).sum()), 1)
+
+
+def warps() -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(2)
+    some = rng.permutation(35)
+    some[rng.random(35) < 0.4] = -1
+    halves = shift_cells(WIDE, (0, 1))
+    halves[np.arange(35) % 7 >= 4] = shift_cells(WIDE, (0, -3))[np.arange(35) % 7 >= 4]
+    return {
+        "shift": shift_cells(WIDE, (1, -2)), "chance": rng.permutation(35), "some": some,
+        "halves": halves, "none": np.full(35, -1),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", warps())
+def test_cells_tear_where_the_partners_of_neighbours_do_not_lie_together(name: str) -> None:
+    partner = warps()[name]
+    assert count_torn_cells(partner, WIDE) == pytest.approx(count_tears(partner))
+    if name in ("shift", "none"):
+        assert count_torn_cells(partner, WIDE) == 0.0
+    if name == "halves":
+        assert count_torn_cells(partner, WIDE) == pytest.approx(2 * 5 / (partner >= 0).sum())
+
+
+def test_only_light_of_matched_cells_through_parted_windows_counts() -> None:
+    partner = warps()["chance"]
+    windows = {"a": "quarter", "b": "whole"}
+    shots: Any = [SimpleNamespace(name=name, window=window) for name, window in windows.items()]
+    match = (1.0, MatchPart(partner))
+
+    def share(name: str, *parts: Any) -> float:
+        return warp_tear_share([RecipePhoto("p", WantedMatrix(WIDE, parts), ((1.0, name),))], shots)
+
+    assert share("a", match) == count_torn_cells(partner, WIDE) > 0.9
+    assert share("b", match) == 0.0
+    assert share("a", match, (1.0, UniformPart(35))) == 0.0
+    assert share("a", (1.0, NearPart(WIDE, 1))) == 0.0
+    assert share("a", (1.0, MatchPart(np.arange(35)))) == 0.0
