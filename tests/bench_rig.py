@@ -73,6 +73,18 @@ def matrix_scene(folder: Path, grid: tuple[int, int] = GRID, ambient: float = 0.
     return SceneConfig(kind="matrix", path=str(path), ambient=ambient)
 
 
+def bright_scene(
+    folder: Path, grid: tuple[int, int], ambient: float = 0.0, indirect: float = 0.3
+) -> SceneConfig:
+    """Cells of random brightness up to the edges, with so much indirect light for the direct."""
+    rng = np.random.default_rng(5)
+    cells = grid[0] * grid[1]
+    transport = indirect * rng.uniform(0.5, 1.0, (cells, cells)) / cells
+    transport += np.diag(rng.uniform(0.5, 1.0, cells))
+    np.savez(folder / "scene.npz", transport=transport, grid=np.array(grid))
+    return SceneConfig(kind="matrix", path=str(folder / "scene.npz"), ambient=ambient)
+
+
 def write_grey_profile(folder: Path) -> str:
     """The profile of a sensor without colours whose samples are those of "modern"; its path."""
     path = folder / "grey.toml"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +13,12 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, PanelConfig
 from pdcd.capture.engine import Engine
-from pdcd.errors import DecodeError
 from pdcd.panels.placing import Placing, make_placed_map
-from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
-from pdcd.sensor import shelf
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import RawFrame, read_raw
 from tests import bench_rig
 from tests.sampled import sampled
 from tests.soak import wanted
@@ -105,24 +100,6 @@ def test_every_goal_is_the_same_on_a_turned_camera(
     mean = CELLS.mean(expected)
     off = np.abs(found["image"].reshape(-1, 3) - mean).max() / np.abs(mean).max()
     assert off < loose
-
-
-def test_shots_of_another_camera_or_orientation_are_refused(
-    engines: tuple[Engine, Engine], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = taken(engines[0], CaptureRequest(goal="direct", codes=8), "turning")
-    record = read_manifest(folder).run
-    plain = read_raw
-    for change in ({"flip": 6}, {"model": "another"}):
-
-        def second(path: Path, change: dict[str, Any] = change, **asked: Any) -> RawFrame:
-            frame = plain(path, **asked)
-            first = path.name == Path(record.shots[0].raw).name
-            return frame if first else replace(frame, **change)
-
-        monkeypatch.setattr(shelf, "read_raw", second)
-        with pytest.raises(DecodeError, match="orientation"):
-            Darkroom(folder, record).decoded()
 
 
 @pytest.mark.long

@@ -78,18 +78,6 @@ def test_a_row_of_the_matrix_needs_no_raw_file(
         Darkroom(folder, read_manifest(folder).run).decoded()
 
 
-def test_shots_of_other_sizes_are_refused(tmp_path: Path) -> None:
-    folder = taken(tmp_path, codes=8)
-    record = read_manifest(folder).run
-    assert record.cells is not None and record.cells.frame == (12, 16)
-    wrong = type(record.cells)(grid=record.grid, frame=(24, 32))
-    cut = type(record)(
-        **{**{f: getattr(record, f) for f in record.__struct_fields__}, "cells": wrong}
-    )
-    with pytest.raises(DecodeError, match="12 x 16 pixels, other shots"):
-        Darkroom(folder, cut).decoded()
-
-
 def test_a_wanted_error_chooses_the_iso_and_leaves_the_bench_as_configured(tmp_path: Path) -> None:
     """The manifest keeps the configuration of the bench; the ISO stands with plan and shots."""
     folder = taken(tmp_path, error=0.02)

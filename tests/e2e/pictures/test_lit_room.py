@@ -18,6 +18,7 @@ from pdcd.bench.tables import (
     SceneConfig,
 )
 from pdcd.protocol.result import Quality
+from tests.bench_rig import bright_scene
 from tests.taken import Taken, take
 
 pytestmark = pytest.mark.whole
@@ -28,16 +29,6 @@ COARSE, FINE = (6, 8), (12, 16)
 """Of a coarse grid nobody looks where the panels lie: that is two photos less."""
 CODED, BLACK = 5, 6
 """Exposures on a coarse grid: two test exposures, a dark photo, white, codes, a dark photo."""
-
-
-def bright(folder: Path, grid: Grid, room: float = 0.0, indirect: float = 0.3) -> SceneConfig:
-    """Cells of random brightness up to the edges, which no light below zero would give away."""
-    rng = np.random.default_rng(5)
-    cells = grid[0] * grid[1]
-    transport = indirect * rng.uniform(0.5, 1.0, (cells, cells)) / cells
-    transport += np.diag(rng.uniform(0.5, 1.0, cells))
-    np.savez(folder / "scene.npz", transport=transport, grid=np.array(grid))
-    return SceneConfig(kind="matrix", path=str(folder / "scene.npz"), ambient=room)
 
 
 def taken(
@@ -108,7 +99,7 @@ def test_a_room_that_is_switched_amid_the_run_is_not_good(
     tmp_path: Path, before: float, after: float, photo: int
 ) -> None:
     truth = f"[scene]\nambient = {after}\nambient_from = {photo}\n"
-    found = judged(taken(tmp_path, bright(tmp_path, COARSE, before), truth, codes=64))
+    found = judged(taken(tmp_path, bright_scene(tmp_path, COARSE, before), truth, codes=64))
     assert found.quality.verdict != "good"
     assert any("changed between the dark photos" in text for text in found.quality.reasons)
     assert found.quality.verdict == "doubtful" or found.scaled > 0.03
@@ -129,7 +120,7 @@ def test_a_room_that_is_switched_on_after_any_photo_of_parts_is_not_good(
     three parts, a dark photo; a run that sees the room, as those do that begin in a lit one, adds
     black exposures."""
     truth = f"[scene]\nambient = {before + 0.03}\nambient_from = {photo}\n"
-    made = taken(tmp_path, bright(tmp_path, grid, before), truth, grid, codes=64, parts=4)
+    made = taken(tmp_path, bright_scene(tmp_path, grid, before), truth, grid, codes=64, parts=4)
     assert made.quality.verdict == "doubtful" or made.error < 0.03
 
 
@@ -138,7 +129,7 @@ def test_all_pictures_of_a_direct_run_in_a_lit_room_share_one_scale(tmp_path: Pa
     photo once and in the indirect one twice. The matrix itself says how much light there is."""
     truth = "[scene]\nambient = 0.006\n[projector]\ncontrast = 2000.0\n"
     made = taken(
-        tmp_path, bright(tmp_path, COARSE), truth, goal="direct", codes=64,
+        tmp_path, bright_scene(tmp_path, COARSE), truth, goal="direct", codes=64,
         contrasts=(130.0, 300.0),  # as found in such a room
     )  # fmt: skip
     assert made.manifest.run.how.black_level == "mask"
@@ -158,7 +149,7 @@ def test_all_pictures_of_a_direct_run_in_a_lit_room_share_one_scale(tmp_path: Pa
 )
 def test_a_field_beside_the_mask_is_unknown_there(tmp_path: Path, place: str) -> None:
     """No light comes from there: quads that lack it would err by all of it."""
-    scene = bright(tmp_path, FINE, 0.0, 1.0)
+    scene = bright_scene(tmp_path, FINE, 0.0, 1.0)
     found = judged(taken(tmp_path, scene, f"[mask.place]\n{place}\n", FINE))
     assert found.error < 0.05 and found.covered > 0.95
     assert found.quality.verdict == "doubtful"
@@ -168,12 +159,12 @@ def test_a_field_beside_the_mask_is_unknown_there(tmp_path: Path, place: str) ->
 @pytest.mark.parametrize(("photo", "stretch"), [(4, 5.0), (CODED, 1.5), (CODED, 5.0)])
 def test_a_stretched_exposure_is_taken_again(tmp_path: Path, photo: int, stretch: float) -> None:
     truth = f"[trigger]\nstretched = {photo}\nstretch = {stretch}\n"
-    made = taken(tmp_path, bright(tmp_path, COARSE), truth)
+    made = taken(tmp_path, bright_scene(tmp_path, COARSE), truth)
     assert any("discarded" in name for name in made.result.files)
     assert made.error < 0.05 and made.quality.verdict != "bad"
 
 
 def test_files_that_tell_a_fraction_of_the_exposure_are_doubtful(tmp_path: Path) -> None:
-    made = taken(tmp_path, bright(tmp_path, COARSE), "[camera]\ntagged_s = 0.005\n")
+    made = taken(tmp_path, bright_scene(tmp_path, COARSE), "[camera]\ntagged_s = 0.005\n")
     assert made.quality.verdict == "doubtful"
     assert "the camera reports 0.005 s" in made.quality.reasons[0]

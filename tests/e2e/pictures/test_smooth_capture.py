@@ -9,7 +9,7 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from tests import bench_rig
-from tests.taken import attempt, take
+from tests.taken import take
 
 pytestmark = pytest.mark.whole
 
@@ -60,8 +60,3 @@ def test_what_quarter_windows_miss_beside_each_cell_is_not_taken_for_an_error_of
         for smooth in (True, False)
     )
     assert with_.error < 1.01 * without.error
-
-
-def test_goals_without_an_indirect_photo_refuse(tmp_path: Path) -> None:
-    result = attempt(bench(tmp_path), goal="fraction", p=0.5, codes=32, smooth=True)
-    assert result.error is not None and result.error["kind"] == "request"

@@ -31,6 +31,7 @@ from pdcd.panels.patterns import Patterns, pack_bits
 from pdcd.panels.placing import Placing
 from pdcd.protocol.result import Quality
 from pdcd.sensor.raw import read_raw
+from tests.bench_rig import bright_scene
 from tests.taken import take
 
 pytestmark = pytest.mark.whole
@@ -89,14 +90,6 @@ def test_a_scene_that_is_lit_in_part_is_no_panel_that_is_mirrored(tmp_path: Path
     with pdcd.local({"scene": scene}, folder=tmp_path) as bench:
         run = bench.capture("indirect", illumination=illumination, progress=False)
     assert run.verdict == "good", run.quality.reasons
-
-
-@pytest.mark.parametrize(("codes", "word"), [(64, "doubtful"), (128, "good")])
-def test_one_exposure_is_not_good_without_a_word(tmp_path: Path, codes: int, word: str) -> None:
-    found = verdict(tmp_path, codes=codes)
-    assert found.verdict == word
-    told = found.remarks if word == "good" else found.reasons
-    assert any(text.startswith("error bars do not include the error of the codes") for text in told)
 
 
 def test_codes_that_leave_no_error_need_no_word(tmp_path: Path) -> None:
@@ -185,21 +178,10 @@ SMALL = (12, 16)
 """Cells of the benches that are not what is believed."""
 
 
-def bright_scene(folder: Path, indirect: float = 1.0) -> SceneConfig:
-    """Bright up to the edges; so much indirect light for the direct one."""
-    rng = np.random.default_rng(5)
-    cells = SMALL[0] * SMALL[1]
-    transport = indirect * rng.uniform(0.5, 1.0, (cells, cells)) / cells + np.diag(
-        rng.uniform(0.5, 1.0, cells)
-    )
-    np.savez(folder / "scene.npz", transport=transport, grid=np.array(SMALL))
-    return SceneConfig(kind="matrix", path=str(folder / "scene.npz"))
-
-
 def verdict_on(folder: Path, truth: str) -> Quality:
     """Of a bench that really is as `truth` says. Its camera is believed to see 60 % more than the
     field either way, its panels to fill the field; the scene is bright up to its edges."""
-    scene = bright_scene(folder)
+    scene = bright_scene(folder, SMALL, indirect=1.0)
     (folder / "truth.toml").write_text(truth)
     config = Config(
         projector=PanelConfig(size_px=(256, 192)),
@@ -241,7 +223,7 @@ def test_borders_of_cells_that_the_panels_draw_apart(tmp_path: Path) -> None:
     config = Config(
         projector=PanelConfig(size_px=(256, 192)),
         mask=PanelConfig(size_px=(68, 51), place=Placing(turn_deg=4.0, scale=1.1)),
-        scene=bright_scene(tmp_path, indirect=0.2),
+        scene=bright_scene(tmp_path, SMALL, indirect=0.2),
         camera=CameraConfig(frame_quads=(64, 48), noise="none"),
         bench=BenchConfig(truth=str(tmp_path / "truth.toml")),
         limits=LimitsConfig(min_free_bytes=0),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 import numpy as np
 import pytest
@@ -22,6 +24,13 @@ NOTHING = Factors(np.zeros((0, 12)), np.zeros((0, 12)), np.zeros(12), np.zeros(1
 def shot(light: np.ndarray, saturated: np.ndarray | None = None) -> ComputedShot:
     blown = np.zeros(light.shape[:2], np.bool_) if saturated is None else saturated
     return ComputedShot(light, np.ones_like(light), blown, NOTHING, {"iso": 100}, 3)
+
+
+def placed(frame: tuple[int, int], grid: tuple[int, int] = GRID, **place: Any) -> CellMap:
+    """Cells of a camera of so many quads that lies as `place` says."""
+    of_field = (10 * grid[1], 10 * grid[0])
+    map_ = make_placed_map(Placing(**place), (frame[1], frame[0]), of_field, "camera")
+    return CellMap(grid=grid, frame=frame, map=map_)
 
 
 def test_cells_have_the_mean_of_quads_that_no_shot_has_saturated() -> None:
@@ -60,8 +69,7 @@ def test_of_a_cell_with_a_quad_full_of_light_nothing_is_known() -> None:
 
 
 def test_cells_that_no_quad_sees_are_as_bright_as_the_others() -> None:
-    place = make_placed_map(Placing(scale=0.3), (FRAME[1], FRAME[0]), (40, 30), "camera")
-    cells = CellMap(grid=GRID, frame=FRAME, map=place)
+    cells = placed(FRAME, scale=0.3)
     halves = choose_part_cells(cells)
     seen = halves.seen().reshape(halves.grid)
     assert 0 < seen.sum() < seen.size
@@ -77,10 +85,7 @@ def test_light_that_is_the_same_everywhere_is_so_where_quads_see_past_the_border
     turn_deg: float,
 ) -> None:
     """Quads there get less of it, by the blur."""
-    place = make_placed_map(
-        Placing(turn_deg=turn_deg, scale=1.3), (FRAME[1], FRAME[0]), (40, 30), "camera"
-    )
-    cells = CellMap(grid=GRID, frame=FRAME, map=place, blur_quads=0.8)
+    cells = msgspec.structs.replace(placed(FRAME, turn_deg=turn_deg, scale=1.3), blur_quads=0.8)
     assert cells.inside is not None
     light = np.tile((cells.spread(np.ones(12)) * cells.inside)[..., None], (1, 1, 3))
     assert cells.known.any() and light[cells.known].min() < 0.95
@@ -90,17 +95,13 @@ def test_light_that_is_the_same_everywhere_is_so_where_quads_see_past_the_border
 
 def test_a_camera_that_sees_halves_of_cells_averages_over_halves() -> None:
     """Quads that see two of them do not count where each has enough that see it alone."""
-    frame = (31, 41)  # 10.3 quads a cell each way
-    place = make_placed_map(Placing(), (frame[1], frame[0]), (40, 30), "camera")
-    cells = CellMap(grid=GRID, frame=frame, map=place)
+    cells = placed((31, 41))  # 10.3 quads a cell each way
     halves = choose_part_cells(cells)
     assert halves.grid == (6, 8)
     # Too few quads, or too much blur, for halves.
     few = msgspec.structs.replace(cells, frame=(9, 12), map=None)
     assert choose_part_cells(few) is few
-    few = CellMap(
-        grid=GRID, frame=(8, 11), map=make_placed_map(Placing(), (11, 8), (40, 30), "camera")
-    )
+    few = placed((8, 11))
     assert choose_part_cells(few) is few
     blurred = msgspec.structs.replace(cells, blur_quads=1.3)
     assert choose_part_cells(blurred) is blurred
@@ -118,8 +119,7 @@ def test_cells_whose_quads_see_others_too_have_an_error_of_their_own(
     """Errors by chance of cells, seen by quads that see two and four of them."""
     grid, count = (16, 20), 8
     frame = (frame[0] * 16 // 3, frame[1] * 5)
-    place = make_placed_map(Placing(), (frame[1], frame[0]), (400, 320), "camera")
-    cells = CellMap(grid=grid, frame=frame, map=place)
+    cells = placed(frame, grid)
     assert (choose_part_cells(cells).grid != grid) is halves
     rng = np.random.default_rng(8)
     errors = 0.05 * rng.standard_normal((count, grid[0] * grid[1], 3))
@@ -148,23 +148,15 @@ def test_what_single_quads_err_by_is_no_error_of_the_mean_of_their_cell() -> Non
 def test_what_halves_of_a_cell_get_wrong_by_chance_is_half_of_it_in_the_mean() -> None:
     grid, count = (16, 20), 8
     frame = (16 * 11, 20 * 11)
-    cells = CellMap(
-        grid=grid,
-        frame=frame,
-        map=make_placed_map(Placing(), (frame[1], frame[0]), (400, 320), "camera"),
-    )
+    cells = placed(frame, grid)
     halves = choose_part_cells(cells)
     rng = np.random.default_rng(9)
     errors = 0.05 * rng.standard_normal((count, 4 * grid[0] * grid[1], 3))
     parts = [halves.spread(1.0 + one) for one in errors]
     light = average_shots({f"{k}": shot(one) for k, one in enumerate(parts)}, cells).shots
     picture = Picture(np.mean(parts, axis=0), np.full((*frame, 3), 1e-6))
-    made = add_part_errors(
-        {"it": picture},
-        {"it": [one.light for one in light.values()]},
-        cells,
-        {},
-    )["it"]
+    averaged = [one.light for one in light.values()]
+    made = add_part_errors({"it": picture}, {"it": averaged}, cells, {})["it"]
     true = 0.05 / np.sqrt(count)
     assert np.sqrt(np.mean(made.code**2)) == pytest.approx(true, rel=0.06)
     means = average_with_errors(made, cells)
@@ -181,7 +173,5 @@ def test_parts_are_told_of_half_cells_where_quads_see_one_half_alone(
 ) -> None:
     """Of three upright quads a cell those at its sides do; of turned ones too few."""
     grid = (6, 8)
-    size = (quads * grid[1], quads * grid[0])
-    place = make_placed_map(Placing(turn_deg=turn_deg), size, (640, 480), "camera")
-    cells = CellMap(grid=grid, frame=(size[1], size[0]), map=place)
+    cells = placed((quads * grid[0], quads * grid[1]), grid, turn_deg=turn_deg)
     assert (choose_part_cells(cells).grid != grid) == halved

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import scipy.special
 from numpy.typing import NDArray
 
 from pdcd.pictures.bars import add_known_errors
 from pdcd.pictures.picture import Picture
 from pdcd.pictures.quad_samples import QuadSample
 from pdcd.pictures.sigma import (
-    _inverse_trigamma,
     estimate_quad_shares,
     measure_error_bars,
     to_quad_errors,
@@ -96,11 +94,6 @@ def test_saturated_pixels_stay_unknown() -> None:
     assert np.all(np.isinf(picture.sigma[3, 4]))
     assert np.isfinite(picture.sigma).sum() == picture.sigma.size - 3
     assert np.all(np.isfinite(picture.code))
-
-
-@pytest.mark.parametrize("value", [1e-3, 0.1, 1.0, 30.0, 1e4])
-def test_inverse_trigamma(value: float) -> None:
-    assert scipy.special.polygamma(1, _inverse_trigamma(value)) == pytest.approx(value)
 
 
 @pytest.mark.parametrize(

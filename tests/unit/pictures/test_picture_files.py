@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 from pathlib import Path
 
 import cv2
@@ -14,7 +12,6 @@ from hypothesis import strategies as st
 
 from pdcd.errors import ConfigError, DecodeError, NoSpaceError, PdcdError
 from pdcd.pictures.written.picture_files import draw_value_table, read_tiff, write_png, write_tiff
-from tests.tools import needs, program
 
 
 def test_numbers_become_grey_squares() -> None:
@@ -22,23 +19,6 @@ def test_numbers_become_grey_squares() -> None:
     small = draw_value_table(table, min_width_px=1)
     assert small[..., 0].tolist() == [[0, 128, 255, 51], [0, 255, 0, 255]]
     assert (small == small[..., :1]).all() and small.dtype == np.uint8
-
-
-@needs("exiftool")
-def test_tiff_holds_plain_rgb_floats(tmp_path: Path) -> None:
-    path = tmp_path / "a.tiff"
-    image = np.random.default_rng(2).standard_normal((48, 64, 3)).astype(np.float32)
-    write_tiff(path, image)
-    command = [program("exiftool"), "-j", "-n", str(path)]
-    (tags,) = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
-    assert (tags["PhotometricInterpretation"], tags["Compression"]) == (2, 1)
-    assert str(tags["BitsPerSample"]) == "32 32 32"
-    assert set(str(tags["SampleFormat"]).split()) == {"3"}
-    offsets = [int(n) for n in str(tags["StripOffsets"]).split()]
-    counts = [int(n) for n in str(tags["StripByteCounts"]).split()]
-    data = path.read_bytes()
-    strips = b"".join(data[o : o + n] for o, n in zip(offsets, counts, strict=True))
-    assert np.array_equal(np.frombuffer(strips, "<f4").reshape(48, 64, 3), image)
 
 
 @settings(max_examples=25)
