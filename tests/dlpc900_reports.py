@@ -184,6 +184,7 @@ def read_runs(body: bytes, width: int, height: int) -> NDArray[np.uint8]:
                 raw = np.frombuffer(body[at : at + 3 * n], np.uint8)
                 out[place : place + n] = raw.reshape(n, 3)
                 at += 3 * n
+        assert place // width == (place + n - 1) // width, "a piece goes beyond its line"
         place += n
         assert place <= len(out), "beyond the last line"
 

@@ -11,21 +11,27 @@ import struct
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-import usb.backend
 import usb.core
 from numpy.typing import NDArray
 
 from drivers.dlpc900.display import Dlpc900Display
+from drivers.virtual_dlpc900 import VirtualDmdBus
+from drivers.virtual_usb import (
+    OneInterfaceUsb,
+    copy_reply,
+    make_device_descriptor,
+    make_string_descriptor,
+)
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import Clock, DriverContext, SharedState
 from pdcd.bench.tables import Config, DisplayConfig, PanelConfig
 from pdcd.panels.frames import Frames
 from pdcd.panels.patterns import pack_bits
 from pdcd.panels.schedule import build_frames
+from tests.dlpc900_reports import read_picture
 
 SIZE = (96, 64)
 ROW_US = 125
@@ -134,7 +140,7 @@ class ScriptedDmd:
 
     def plane(self, picture: int, bit: int) -> NDArray[np.bool_]:
         """A plane as it is loaded, of the whole panel: bytes hold planes 16-23, 0-7, 8-15."""
-        halves = [decode_picture(data) for (n, _), data in sorted(self.pictures.items())
+        halves = [read_picture(data) for (n, _), data in sorted(self.pictures.items())
                   if n == picture]  # fmt: skip
         pixels = np.concatenate(halves, axis=1)
         return np.asarray(pixels[..., (1, 2, 0)[bit // 8]] >> bit % 8 & 1, dtype=np.bool_)
@@ -185,38 +191,11 @@ class ScriptedDmd:
         return self.answers.get(command, usual.get(command, b""))
 
 
-def decode_picture(data: bytes) -> NDArray[np.uint8]:
-    """Pixels of a picture as its three bytes, (height, width, 3), by the words of the guide."""
-    assert data[:4] == b"Spld" and data[12:20] == b"\xff" * 8
-    width, height, size = struct.unpack_from("<HHI", data, 4)
-    kind, stream = data[25], data[48:]
-    assert len(stream) == size
-    if kind == 0:
-        return np.frombuffer(stream, np.uint8).reshape(height, width, 3)
-    pixels = np.zeros((height * width, 3), dtype=np.uint8)
-    at = done = 0
-
-    def count(at: int) -> tuple[int, int]:
-        first = stream[at]
-        return (first, at + 1) if first < 128 else (first - 128 + 128 * stream[at + 1], at + 2)
-
-    while stream[at : at + 3] != b"\0\1\0":
-        if stream[at] == 0:
-            assert stream[at + 1] == 1
-            number, at = count(at + 2)
-            pixels[done : done + number] = pixels[done - width : done - width + number]
-        else:
-            number, at = count(at)
-            pixels[done : done + number] = list(stream[at : at + 3])
-            at += 3
-        assert done // width == (done + number - 1) // width, "a piece goes beyond its line"
-        done += number
-    assert at == size - 3 and done == height * width
-    return pixels.reshape(height, width, 3)
-
-
-class ScriptedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no types
+class ScriptedUsb(OneInterfaceUsb):
     """A USB with such devices on it."""
+
+    interface_class, class_bytes = VirtualDmdBus.interface_class, VirtualDmdBus.class_bytes
+    endpoints = VirtualDmdBus.endpoints
 
     def __init__(self, *dmds: ScriptedDmd) -> None:
         super().__init__()
@@ -226,40 +205,11 @@ class ScriptedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
     def enumerate_devices(self) -> Iterator[Any]:
         return iter(self.dmds)
 
-    def get_parent(self, _dev: Any) -> None:
-        return None
-
     def get_device_descriptor(self, dev: Any) -> Any:
-        return SimpleNamespace(
-            bLength=18, bDescriptorType=1, bcdUSB=0x0110, bDeviceClass=0, bDeviceSubClass=0,
-            bDeviceProtocol=0, bMaxPacketSize0=64, idVendor=0x0451, idProduct=0xC900,
-            bcdDevice=1, iManufacturer=1, iProduct=2, iSerialNumber=3, bNumConfigurations=1,
-            bus=1, address=5 + self.dmds.index(dev), port_number=dev.port[-1],
-            port_numbers=dev.port, speed=2,
-        )  # fmt: skip
-
-    def get_configuration_descriptor(self, _dev: Any, config: int) -> Any:
-        if config:
-            raise IndexError(config)
-        return SimpleNamespace(
-            bLength=9, bDescriptorType=2, wTotalLength=41, bNumInterfaces=1, bConfigurationValue=1,
-            iConfiguration=0, bmAttributes=0xC0, bMaxPower=1, extra_descriptors=[],
-        )  # fmt: skip
-
-    def get_interface_descriptor(self, _dev: Any, intf: int, alt: int, config: int) -> Any:
-        if intf or alt or config:
-            raise IndexError(intf, alt)
-        return SimpleNamespace(
-            bLength=9, bDescriptorType=4, bInterfaceNumber=0, bAlternateSetting=0, bNumEndpoints=2,
-            bInterfaceClass=3, bInterfaceSubClass=0, bInterfaceProtocol=0, iInterface=0,
-            extra_descriptors=[],
-        )  # fmt: skip
-
-    def get_endpoint_descriptor(self, _dev: Any, ep: int, intf: int, alt: int, config: int) -> Any:
-        return SimpleNamespace(
-            bLength=7, bDescriptorType=5, bEndpointAddress=(0x81, 0x01)[ep], bmAttributes=3,
-            wMaxPacketSize=64, bInterval=1, bRefresh=0, bSynchAddress=0, extra_descriptors=[],
-        )  # fmt: skip
+        place = 5 + self.dmds.index(dev), dev.port
+        return make_device_descriptor(
+            (0x0451, 0xC900), place, usb_version=0x0110, version=1, speed=2
+        )
 
     def open_device(self, dev: ScriptedDmd) -> ScriptedDmd:
         if dev.open_error is not None and dev.open_error.errno == errno.EACCES:
@@ -268,9 +218,6 @@ class ScriptedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
 
     def close_device(self, dev_handle: ScriptedDmd) -> None:
         self.claimed.discard(dev_handle.serial)
-
-    def get_configuration(self, _dev_handle: ScriptedDmd) -> int:
-        return 1
 
     def claim_interface(self, dev_handle: ScriptedDmd, _intf: int) -> None:
         if dev_handle.open_error is not None:
@@ -311,12 +258,7 @@ class ScriptedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
         self, dev_handle: ScriptedDmd, _kind: int, _request: int, value: int, _index: int,
         data: Any, _ms: int,
     ) -> int:  # fmt: skip
-        text = dev_handle.serial.encode("utf-16-le") if value & 0xFF else b"\x09\x04"
-        reply = bytes([2 + len(text), 3]) + text
-        view = memoryview(data).cast("B")
-        count = min(len(reply), len(view))
-        view[:count] = reply[:count]
-        return count
+        return copy_reply(make_string_descriptor(value & 0xFF, (dev_handle.serial,) * 3), data)
 
 
 class Dlpc900Rig:

@@ -19,8 +19,6 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
 
-import usb.backend
-
 from ..ptp.codes import ClassRequest, ContainerType, ResponseCode
 from ..ptp.containers import (
     HEADER_BYTES,
@@ -33,9 +31,11 @@ from ..ptp.containers import (
 from ..virtual_usb import (
     STRING_DESCRIPTOR,
     LibusbCode,
+    OneInterfaceUsb,
+    copy_reply,
+    make_device_descriptor,
     make_string_descriptor,
     make_usb_error,
-    require_first,
 )
 from .body import DATA_OUT, CameraBody
 from .model import USB_ID
@@ -44,7 +44,7 @@ from .reply import CameraReply
 _BULK_IN, _BULK_OUT, _INTERRUPT_IN = 0x81, 0x02, 0x83
 _PACKET_BYTES = 512
 _FIRST_ADDRESS = 7
-_BULK, _INTERRUPT = 2, 3
+_BULK, _INTERRUPT, _HIGH_SPEED = 2, 3, 3
 
 
 class _Transfer:
@@ -78,11 +78,18 @@ class _Handle:
         self.address = address
 
 
-class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no types
+class VirtualUsb(OneInterfaceUsb):
     """A USB with one camera on it. Its methods are those that pyusb documents of a backend.
 
     With `held_by_other` set, another program holds the interface: claims fail with EBUSY.
     """
+
+    interface_class = (6, 1, 1)  # still images
+    endpoints = (
+        (_BULK_IN, _BULK, _PACKET_BYTES, 0),
+        (_BULK_OUT, _BULK, _PACKET_BYTES, 0),
+        (_INTERRUPT_IN, _INTERRUPT, 8, 9),
+    )
 
     def __init__(self, body: CameraBody) -> None:
         super().__init__()
@@ -109,49 +116,12 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         """The camera, while it is plugged in."""
         return iter([SimpleNamespace(address=self.address)] if self.body.plugged else [])
 
-    def get_parent(self, _dev: Any) -> None:
-        """None: the camera is on the root hub."""
-        return
-
     def get_device_descriptor(self, dev: Any) -> Any:
         """USB 2.0, high speed, the 450D's numbers."""
-        return SimpleNamespace(
-            bLength=18, bDescriptorType=1, bcdUSB=0x0200, bDeviceClass=0, bDeviceSubClass=0,
-            bDeviceProtocol=0, bMaxPacketSize0=64, idVendor=USB_ID[0], idProduct=USB_ID[1],
-            bcdDevice=0x0002, iManufacturer=1, iProduct=2, iSerialNumber=3, bNumConfigurations=1,
-            bus=1, address=dev.address, port_number=1, port_numbers=(1,), speed=3,
-        )  # fmt: skip
-
-    def get_configuration_descriptor(self, _dev: Any, config: int) -> Any:
-        """The only configuration."""
-        require_first(config)
-        return SimpleNamespace(
-            bLength=9, bDescriptorType=2, wTotalLength=39, bNumInterfaces=1, bConfigurationValue=1,
-            iConfiguration=0, bmAttributes=0xC0, bMaxPower=1, extra_descriptors=[],
-        )  # fmt: skip
-
-    def get_interface_descriptor(self, _dev: Any, intf: int, alt: int, config: int) -> Any:
-        """The still image interface."""
-        require_first(config, intf, alt)
-        return SimpleNamespace(
-            bLength=9, bDescriptorType=4, bInterfaceNumber=0, bAlternateSetting=0, bNumEndpoints=3,
-            bInterfaceClass=6, bInterfaceSubClass=1, bInterfaceProtocol=1, iInterface=0,
-            extra_descriptors=[],
-        )  # fmt: skip
-
-    def get_endpoint_descriptor(self, _dev: Any, ep: int, intf: int, alt: int, config: int) -> Any:
-        """Bulk in, bulk out, interrupt in."""
-        require_first(config, intf, alt)
-        address, kind, size, interval = (
-            (_BULK_IN, _BULK, _PACKET_BYTES, 0),
-            (_BULK_OUT, _BULK, _PACKET_BYTES, 0),
-            (_INTERRUPT_IN, _INTERRUPT, 8, 9),
-        )[ep]  # past the end an IndexError, as pyusb wants it
-        return SimpleNamespace(
-            bLength=7, bDescriptorType=5, bEndpointAddress=address, bmAttributes=kind,
-            wMaxPacketSize=size, bInterval=interval, bRefresh=0, bSynchAddress=0,
-            extra_descriptors=[],
-        )  # fmt: skip
+        place = dev.address, (1,)
+        return make_device_descriptor(
+            USB_ID, place, usb_version=0x0200, version=0x0002, speed=_HIGH_SPEED
+        )
 
     # Opening and claiming
 
@@ -166,16 +136,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         if self._claimed_by is dev_handle:
             self._claimed_by = None
 
-    def get_configuration(self, dev_handle: _Handle) -> int:
-        """The only one."""
-        self._alive(dev_handle)
-        return 1
-
     def set_configuration(self, dev_handle: _Handle, _config_value: int) -> None:
-        """Nothing changes."""
-        self._alive(dev_handle)
-
-    def set_interface_altsetting(self, dev_handle: _Handle, _intf: int, _alt: int) -> None:
         """Nothing changes."""
         self._alive(dev_handle)
 
@@ -280,9 +241,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         with self._lock:
             reply = self._control(bmRequestType, bRequest, wValue, bytes(data))
         if bmRequestType & 0x80:
-            count = min(len(reply), len(data))
-            memoryview(data).cast("B")[:count] = reply[:count]
-            return count
+            return copy_reply(reply, data)
         return len(data)
 
     def _control(self, kind: int, request: int, value: int, data: bytes) -> bytes:

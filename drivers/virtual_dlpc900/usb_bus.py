@@ -13,14 +13,14 @@ from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
 
-import usb.backend
-
 from ..virtual_usb import (
     STRING_DESCRIPTOR,
     LibusbCode,
+    OneInterfaceUsb,
+    copy_reply,
+    make_device_descriptor,
     make_string_descriptor,
     make_usb_error,
-    require_first,
 )
 from .plug import ReportController
 from .reports import USB_REPORT_LENGTH
@@ -40,12 +40,15 @@ class _Opened:
         self.device, self.address = device, address
 
 
-class VirtualDmdBus(usb.backend.IBackend, Generic[_Device]):  # type: ignore[misc]  # pyusb has no types
+class VirtualDmdBus(OneInterfaceUsb, Generic[_Device]):
     """A USB with devices on it. Its methods are those that pyusb documents of a backend.
 
     kernel_driver : whether the kernel takes hold of devices that are plugged in.
     held_by_other : serial numbers of devices that another program has claimed.
     """
+
+    interface_class, class_bytes = (_HID, 0, 0), 9
+    endpoints = tuple((end, _INTERRUPT, USB_REPORT_LENGTH, 1) for end in (_IN, _OUT))
 
     def __init__(self, *devices: _Device, kernel_driver: bool = True) -> None:
         super().__init__()
@@ -69,45 +72,12 @@ class VirtualDmdBus(usb.backend.IBackend, Generic[_Device]):  # type: ignore[mis
             if device.plugged:
                 yield SimpleNamespace(device=device, address=self.address_of(device))
 
-    def get_parent(self, _dev: Any) -> None:
-        """None: they are on the root hub."""
-        return
-
     def get_device_descriptor(self, dev: Any) -> Any:
         """USB 1.1, full speed."""
-        (vendor, product), port = dev.device.usb_ids, 1 + self.devices.index(dev.device)
-        return SimpleNamespace(
-            bLength=18, bDescriptorType=1, bcdUSB=0x0110, bDeviceClass=0, bDeviceSubClass=0,
-            bDeviceProtocol=0, bMaxPacketSize0=64, idVendor=vendor, idProduct=product,
-            bcdDevice=0x0200, iManufacturer=1, iProduct=2, iSerialNumber=3, bNumConfigurations=1,
-            bus=1, address=dev.address, port_number=port, port_numbers=(port,), speed=_FULL_SPEED,
-        )  # fmt: skip
-
-    def get_configuration_descriptor(self, _dev: Any, config: int) -> Any:
-        """The only configuration."""
-        require_first(config)
-        return SimpleNamespace(
-            bLength=9, bDescriptorType=2, wTotalLength=41, bNumInterfaces=1, bConfigurationValue=1,
-            iConfiguration=0, bmAttributes=0xC0, bMaxPower=1, extra_descriptors=[],
-        )  # fmt: skip
-
-    def get_interface_descriptor(self, _dev: Any, intf: int, alt: int, config: int) -> Any:
-        """The HID interface."""
-        require_first(config, intf, alt)
-        return SimpleNamespace(
-            bLength=9, bDescriptorType=4, bInterfaceNumber=0, bAlternateSetting=0, bNumEndpoints=2,
-            bInterfaceClass=_HID, bInterfaceSubClass=0, bInterfaceProtocol=0, iInterface=0,
-            extra_descriptors=[],
-        )  # fmt: skip
-
-    def get_endpoint_descriptor(self, _dev: Any, ep: int, intf: int, alt: int, config: int) -> Any:
-        """Interrupt in, interrupt out."""
-        require_first(config, intf, alt)
-        return SimpleNamespace(
-            bLength=7, bDescriptorType=5, bEndpointAddress=(_IN, _OUT)[ep], bmAttributes=_INTERRUPT,
-            wMaxPacketSize=USB_REPORT_LENGTH, bInterval=1, bRefresh=0, bSynchAddress=0,
-            extra_descriptors=[],
-        )  # fmt: skip
+        place = dev.address, (1 + self.devices.index(dev.device),)
+        return make_device_descriptor(
+            dev.device.usb_ids, place, usb_version=0x0110, version=0x0200, speed=_FULL_SPEED
+        )
 
     # Opening and claiming
 
@@ -122,19 +92,10 @@ class VirtualDmdBus(usb.backend.IBackend, Generic[_Device]):  # type: ignore[mis
         if self._claimed.get(dev_handle.address) is dev_handle:
             del self._claimed[dev_handle.address]
 
-    def get_configuration(self, dev_handle: _Opened) -> int:
-        """The only one."""
-        self._alive(dev_handle)
-        return 1
-
     def set_configuration(self, dev_handle: _Opened, _config_value: int) -> None:
         """Nothing changes; EBUSY while the kernel or somebody else has the interface."""
         self._alive(dev_handle)
         self._take_hold(dev_handle)
-
-    def set_interface_altsetting(self, dev_handle: _Opened, _intf: int, _alt: int) -> None:
-        """Nothing changes."""
-        self._alive(dev_handle)
 
     def claim_interface(self, dev_handle: _Opened, _intf: int) -> None:
         """Claim; EBUSY while the kernel or somebody else has it."""
@@ -228,10 +189,7 @@ class VirtualDmdBus(usb.backend.IBackend, Generic[_Device]):  # type: ignore[mis
             raise make_usb_error(LibusbCode.PIPE)
         device = dev_handle.device
         texts = "Texas Instruments", device.product, device.serial
-        reply = make_string_descriptor(wValue & 0xFF, texts)
-        count = min(len(reply), len(data))
-        memoryview(data).cast("B")[:count] = reply[:count]
-        return count
+        return copy_reply(make_string_descriptor(wValue & 0xFF, texts), data)
 
     def _claim_of(self, handle: _Opened, ep: int, wanted: int) -> ReportController:
         """The device of a handle; checks that it is there and claimed, and that `ep` is right."""

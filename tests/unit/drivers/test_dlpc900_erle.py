@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.dlpc900.erle import CopyAbove, PlaneOrder, encode_erle, encode_picture
-from tests.dlpc900_rig import decode_picture
+from tests.dlpc900_reports import read_picture
 
 ORDERS: tuple[PlaneOrder, ...] = ("GBR", "BGR", "RGB", "RBG", "GRB", "BRG")
 COPIES: tuple[CopyAbove, ...] = ("lines", "parts", "never")
@@ -113,7 +113,7 @@ def test_nothing_is_lost(
         for copy_above in COPIES:
             data = encode_picture(picture, order, copy_above)
             lengths.append(len(data))
-            found = decode_picture(data)
+            found = read_picture(data)
             shown = sum(
                 found[..., "RGB".index(letter)].astype(np.uint32) << (8 * n)
                 for n, letter in enumerate(order)
