@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from pdcd.driver import ConfigError, DeviceLost, PdcdError
 
 REPORT_B = 64
-HEAD_B = 6
 REPLY_HEAD_B = 4
 """Bytes of a reply's header; replies do not repeat the command."""
 PICTURE_PART_B = 504

@@ -151,15 +151,13 @@ class DeviceInfo:
 @dataclass(frozen=True)
 class ObjectInfo:
     """A camera's description of one object (ISO 15740 clause 5.5.2), without its thumbnail and size
-    in pixels, which are written as zero."""
+    in pixels, which are written as zero, and without dates."""
 
     storage: int
     format: int
     size_bytes: int
     name: str
     parent: int = 0
-    captured: str = ""
-    """Date as "YYYYMMDDThhmmss", empty if unknown."""
 
     def pack(self) -> bytes:
         """Bytes of the dataset. A size beyond 32 bits is written as 0xFFFFFFFF, as in PTP."""
@@ -171,9 +169,7 @@ class ObjectInfo:
                 struct.pack("<III", 0, 0, 0),  # image width, height, bit depth
                 struct.pack("<IHII", self.parent, 0, 0, 0),  # association, sequence
                 pack_string(self.name),
-                pack_string(self.captured),
-                pack_string(self.captured),
-                pack_string(""),
+                pack_string("") * 3,  # when captured and modified, keywords
             )
         )  # fmt: skip
 

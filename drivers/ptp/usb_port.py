@@ -17,6 +17,7 @@ import usb.util
 
 from pdcd.driver import DeviceLost, DriverUnavailable
 
+from .codes import ClassRequest
 from .faults import (
     DEVICE,
     EndpointStall,
@@ -31,7 +32,6 @@ _CANON = 0x04A9
 _STILL_IMAGE = (6, 1, 1)
 """Class, subclass and protocol of the interface."""
 
-_CANCEL, _RESET, _STATUS = 0x64, 0x66, 0x67
 _CLASS_OUT, _CLASS_IN = 0x21, 0xA1
 _CONTROL_S = 0.8
 _STEP_MS = 200
@@ -142,11 +142,11 @@ class UsbPort:
     def cancel(self, transaction_id: int) -> None:
         """Class request 64: give up a transaction."""
         data = b"\x01\x40" + transaction_id.to_bytes(4, "little")
-        self._control(_CLASS_OUT, _CANCEL, data)
+        self._control(_CLASS_OUT, ClassRequest.CANCEL, data)
 
     def status(self) -> int:
         """Class request 67: the device's state as a response code; halted endpoints are cleared."""
-        reply = bytes(self._control(_CLASS_IN, _STATUS, _STATUS_B))
+        reply = bytes(self._control(_CLASS_IN, ClassRequest.GET_DEVICE_STATUS, _STATUS_B))
         if len(reply) < 4:
             raise TransactionMismatch(f"device status of {len(reply)} bytes")
         for at in range(4, len(reply) - 3, 4):
@@ -155,7 +155,7 @@ class UsbPort:
 
     def device_reset(self) -> None:
         """Class request 66: the camera forgets its session and everything that belongs to it."""
-        self._control(_CLASS_OUT, _RESET, b"")
+        self._control(_CLASS_OUT, ClassRequest.DEVICE_RESET, b"")
         for endpoint in (self._in, self._out):
             self.clear_halt(endpoint)
 

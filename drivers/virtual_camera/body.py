@@ -42,7 +42,7 @@ from ..ptp.events import EosRecord, ObjectAdded, PlainRecord, pack_events
 from .develop import Develop, develop_at_once
 from .faults import FaultScript, Occasions
 from .model import BULB_BODY, CameraModel
-from .objects import make_read_handlers
+from .objects import ObjectReader
 from .properties import Properties
 from .reply import OK, CameraReply, make_error_reply
 from .shutter import CameraShutter, FileStore, ShutterFilm
@@ -84,13 +84,12 @@ class CameraBody:
         self.store = FileStore()
         self.settings = Properties(model, self.script)
         self.shutter = CameraShutter(clock, film, self.script, self.store, develop)
-        self.ui_locked = False
         self.kept_on = 0
         """How often the client asked the camera to stay on."""
         self._finder = finder
         self._finder_due_ns = 0
         self._occasions = Occasions(self.script)
-        self._reading = make_read_handlers(self.store, self.settings, model)
+        self._reading = ObjectReader(self.store, self.settings, model).handlers
         self._session: int | None = None
         self._remote = self._events = False
         self._pc_has_room = False
@@ -139,10 +138,6 @@ class CameraBody:
         self._remote = self._events = False
         self._told_everything = False
         self._queue.clear()
-
-    def status(self) -> int:
-        """Class request 67: what the camera is doing, as a response code."""
-        return ResponseCode.OK
 
     # Cable release and USB cable
 
@@ -246,12 +241,7 @@ class CameraBody:
         self._count_shots(tell=True)
         return OK
 
-    def _lock(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
-        self.ui_locked = True
-        return OK
-
-    def _unlock(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
-        self.ui_locked = False
+    def _set_lock(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
         return OK
 
     def _keep_on(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
@@ -378,8 +368,8 @@ class CameraBody:
         Operation.EOS_TRANSFER_COMPLETE: _transfer_complete,
         Operation.EOS_CANCEL_TRANSFER: _transfer_complete,
         Operation.EOS_PC_HDD_CAPACITY: _pc_capacity,
-        Operation.EOS_SET_UI_LOCK: _lock,
-        Operation.EOS_RESET_UI_LOCK: _unlock,
+        Operation.EOS_SET_UI_LOCK: _set_lock,
+        Operation.EOS_RESET_UI_LOCK: _set_lock,
         Operation.EOS_KEEP_DEVICE_ON: _keep_on,
         Operation.EOS_REMOTE_RELEASE: _remote_release,
         Operation.EOS_BULB_START: _bulb_start,

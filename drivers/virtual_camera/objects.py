@@ -16,14 +16,10 @@ _P = tuple[int, ...]
 _ALL_FORMATS = (0, 0xFFFFFFFF)
 
 
-def make_read_handlers(
-    store: FileStore, settings: Properties, model: CameraModel
-) -> dict[int, Callable[[_P], CameraReply]]:
-    """Operation -> function of its five parameters; none of them changes anything."""
-    return _Reader(store, settings, model).handlers
+class ObjectReader:
+    """The operations that read. handlers : of each, a function of its five parameters; none of them
+    changes anything."""
 
-
-class _Reader:
     def __init__(self, store: FileStore, settings: Properties, model: CameraModel) -> None:
         self._store = store
         self._settings = settings

@@ -95,7 +95,6 @@ class VirtualUsb(OneInterfaceUsb):
         super().__init__()
         self.body = body
         self.held_by_other = False
-        self.bytes_read = 0
         self._lock = threading.RLock()
         self._resets = 0
         self._claimed_by: _Handle | None = None
@@ -215,7 +214,6 @@ class VirtualUsb(OneInterfaceUsb):
             count = transfer.read_into(buffer)
             if not transfer.left and not (transfer.ends_empty and count == len(buffer)):
                 self._to_host.popleft()
-            self.bytes_read += count
             return count
 
     def intr_read(
@@ -255,7 +253,7 @@ class VirtualUsb(OneInterfaceUsb):
                 return b""
             case (0xA1, ClassRequest.GET_DEVICE_STATUS):
                 halted = sorted(self._halted)
-                code = ResponseCode.TRANSACTION_CANCELLED if halted else self.body.status()
+                code = ResponseCode.TRANSACTION_CANCELLED if halted else ResponseCode.OK
                 length = 4 + 4 * len(halted)
                 return struct.pack(f"<HH{len(halted)}I", length, code, *halted)
             case (0x80, 6) if value >> 8 == STRING_DESCRIPTOR:

@@ -178,14 +178,13 @@ OBJECT_INFO = b"".join(
         bytes.fromhex("00000000 00000000 00000000"),  # size in pixels
         bytes.fromhex("09000000 0000 00000000 00000000"),  # parent, association, sequence
         bytes.fromhex("03 6100 6200 0000"),  # "ab"
-        bytes.fromhex("02 3200 0000") * 2,  # dates
-        bytes.fromhex("00"),  # keywords
+        bytes(3),  # dates, keywords
     )
 )
 
 
 def test_object_info_is_laid_out_as_the_standard_says() -> None:
-    info = ObjectInfo(0x20001, 0xB103, 0x1234, "ab", parent=9, captured="2")
+    info = ObjectInfo(0x20001, 0xB103, 0x1234, "ab", parent=9)
     assert info.pack() == OBJECT_INFO
 
 
