@@ -92,28 +92,10 @@ def refusing(number: int) -> Callable[..., Any]:
 
 @pytest.mark.parametrize(("number", "kind"), [(errno.ENOSPC, NoSpaceError), (errno.EIO, DiskError)])
 def test_a_copy_that_fails_leaves_nothing(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, number: int, kind: type[Exception]
+    bench: Bench, refuse_writes: Callable[..., None], number: int, kind: type[Exception]
 ) -> None:
     bench.put("a.dng")
-    whole = Path.open
-
-    class Copy:
-        def __init__(self, file: Any) -> None:
-            self.file = file
-
-        def __enter__(self) -> Copy:
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            self.file.close()
-
-        write = staticmethod(refusing(number))
-
-    def opened(path: Path, mode: str = "r", *more: Any) -> Any:
-        file = whole(path, mode, *more)
-        return Copy(file) if mode == "xb" else file
-
-    monkeypatch.setattr(Path, "open", opened)
+    refuse_writes(OSError(number, "full"))
     with pytest.raises(kind):
         bench.fetch()
     assert bench.nothing_was_kept() and (bench.card / "a.dng").exists()

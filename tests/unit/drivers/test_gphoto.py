@@ -12,8 +12,8 @@ pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: see .venv/gphoto2.log
 import errno
 import gc
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any
 
 import gphoto2 as gp
 import pytest
@@ -267,27 +267,6 @@ def test_a_truncated_file_is_refused(armed: Bench, share: float) -> None:
     assert not (armed.root / "shot.cr2").exists()
 
 
-class Refused:
-    """An open file that takes no bytes, or loses them at the end."""
-
-    def __init__(self, file: IO[Any], error: OSError, at_the_end: bool) -> None:
-        self.file, self.error, self.at_the_end = file, error, at_the_end
-
-    def __enter__(self) -> Refused:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.file.close()
-
-    def write(self, data: bytes) -> int:
-        if not self.at_the_end:
-            raise self.error
-        return len(data)
-
-    def flush(self) -> None:
-        raise self.error
-
-
 @pytest.mark.parametrize("at_the_end", [False, True])
 @pytest.mark.parametrize(
     ("error", "told"),
@@ -299,20 +278,13 @@ class Refused:
 )
 def test_of_a_disk_that_takes_no_more_nothing_is_left_behind(
     armed: Bench,
-    monkeypatch: pytest.MonkeyPatch,
+    refuse_writes: Callable[..., None],
     error: OSError,
     told: type[Exception],
     at_the_end: bool,
 ) -> None:
-    """The file is there already when its bytes find no room."""
-    whole_open = Path.open
-
-    def opened(path: Path, mode: str = "r", *args: Any) -> Any:
-        file = whole_open(path, mode, *args)
-        return Refused(file, error, at_the_end) if mode == "xb" else file
-
     armed.camera.add("a.cr2", armed.raw)
-    monkeypatch.setattr(Path, "open", opened)
+    refuse_writes(error, at_the_end)
     with pytest.raises(told, match=r"shot\.cr2") as caught:
         armed.readout.fetch(armed.root, "shot", 30.0)
     assert type(caught.value) is told and caught.value.__cause__ is error

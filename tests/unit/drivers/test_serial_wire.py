@@ -15,7 +15,7 @@ import serial
 
 from drivers.serial_shutter.options import SerialOptions
 from drivers.serial_shutter.port import Port
-from pdcd.errors import ConfigError, DeviceLost, ExposureError
+from pdcd.errors import ConfigError, DeviceLost
 
 BOX: dict[str, Any] = {"release": "command", "open_hex": "31", "close_hex": "30"}
 
@@ -230,20 +230,6 @@ def test_whoever_guards_the_port_is_told_how_to_close_the_shutter(
     wire: Wire, given: dict[str, Any], how: tuple[str, str]
 ) -> None:
     assert Port(options(**given)).release == how
-
-
-def test_a_command_is_on_its_way_before_its_reply_is_read(wire: Wire) -> None:
-    """And what came before it is thrown away first."""
-    port = Port(options(**BOX, answer_s=0.05, open_reply_hex="4F 4B", close_reply_hex=""))
-    wire.told()
-    wire.__dict__["reply"] = b"OK"
-    port.drive(opened=True)
-    assert wire.told() == ["reset", ("write", b"1"), "flush", ("read", 2)]
-    port.drive(opened=False)  # says nothing, and is not waited for
-    assert wire.told() == ["reset", ("write", b"0"), "flush"]
-    wire.__dict__["reply"] = b"O"  # cut short: that is an answer, but not the right one
-    with pytest.raises(ExposureError, match="answered 4f to 31, not 4F 4B"):
-        port.drive(opened=True)
 
 
 # Its options.
