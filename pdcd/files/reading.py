@@ -55,11 +55,11 @@ def open_file(path: Path | str) -> Iterator[int]:
         system.close(descriptor)
 
 
-def read_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> bytes:
+def read_file(path: Path | str, most_bytes: int) -> bytes:
     """All bytes of a regular file that somebody else named. Raises Unsound, also if it is
     longer."""
     with open_file(path) as descriptor:
-        return read_descriptor(descriptor, most_bytes, alive)
+        return read_descriptor(descriptor, most_bytes)
 
 
 def read_pipe(path: Path | str, most_bytes: int, within_s: float) -> bytes:
@@ -135,10 +135,10 @@ def read_array_file(path: Path | str, limits: ArrayLimits) -> bytes:
         return read_contents(descriptor, limits)
 
 
-def hash_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> str:
+def hash_file(path: Path | str, most_bytes: int) -> str:
     """SHA-256 of a regular file, hexadecimal. Raises Unsound, also if it is longer."""
     with open_file(path) as descriptor:
-        return hash_descriptor(descriptor, most_bytes, alive)
+        return hash_descriptor(descriptor, most_bytes)
 
 
 def hash_descriptor(descriptor: int, most_bytes: int, alive: Alive = _go_on) -> str:
