@@ -14,18 +14,19 @@ from pdcd.errors import RequestError, disk_errors
 from pdcd.files.system import system
 
 
-def replace_file(path: Path, data: bytes) -> None:
-    """Write a file that can be made again, in place of any that is there.
+def replace_file(path: Path, data: bytes, *, durable: bool = False) -> None:
+    """Write a file in place of any that is there. `durable` as for `write_atomic`: needed for what
+    cannot be made again.
 
     Raises RequestError if that is a device, NoSpaceError, and DiskError for any other refusal of
     the disk. No partial file is left.
     """
     with disk_errors(str(path)):
-        folder = system.open(path.parent, system.O_PATH | system.O_DIRECTORY | system.O_CLOEXEC)
+        way = system.O_RDONLY if durable else system.O_PATH  # the latter cannot be synced
+        folder = system.open(path.parent, way | system.O_DIRECTORY | system.O_CLOEXEC)
         try:
-            write_atomic(
-                folder, path.name, data, replace=True, shown=str(path.parent), durable=False
-            )
+            shown = str(path.parent)
+            write_atomic(folder, path.name, data, replace=True, shown=shown, durable=durable)
         finally:
             system.close(folder)
 

@@ -121,8 +121,7 @@ def _axes(
     map_: Map, grid: tuple[int, int], per_cell: int = ATOMS_PER_CELL
 ) -> tuple[_Atoms, _Atoms] | None:
     """Atoms of the columns (w,) and of the rows (h,); None where they depend on each other."""
-    _, skew, _, slant, _, _, *tilt, _ = map_.homography
-    if any((skew, slant, *tilt, *map_.radial, *map_.tangential)) or map_.residual:
+    if not map_.is_upright:
         return None
     found = []
     for axis, (size, cells) in enumerate(zip(map_.size_px, grid[::-1], strict=True)):

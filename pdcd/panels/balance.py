@@ -77,12 +77,8 @@ def catch_up(frames: Frames, log: FrameLog, row_hz: float) -> _Rows | None:
     # The lowest whole multiple of the plan that no code has passed yet.
     times = int(np.max(-(-weights.realised // weights.planned)))
     short = times * weights.planned - weights.realised
-    rounds = [slot for n in range(int(short.max())) for slot, s in _short(weights, short) if s > n]
-    return np.concatenate(rounds)
-
-
-def _short(weights: LitWeights, short: NDArray[np.int64]) -> list[tuple[_Rows, int]]:
-    return list(zip(weights.slots, short.tolist(), strict=True))
+    missing = list(zip(weights.slots, short.tolist(), strict=True))
+    return np.concatenate([slot for n in range(max(short)) for slot, left in missing if left > n])
 
 
 def count_lit_weights(frames: Frames, log: FrameLog, row_hz: float) -> LitWeights:

@@ -183,10 +183,6 @@ class Lattice:
             for down, right in itertools.product(*self.pieces)
         )
 
-    def seen(self, field: Floats, overlap: Overlap) -> Floats:
-        """Values of one dual field (R, L + 1) over the scene's cells, (R, rows, cols)."""
-        return self.stepped(field, overlap.step)
-
     def stepped(self, field: Floats, step: tuple[int, int]) -> Floats:
         """Values of one dual field (R, L + 1), `step` cells further on, (R, rows, cols)."""
         (down, right), (rows, cols) = step, self.grid

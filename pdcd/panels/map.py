@@ -89,7 +89,7 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
         def found(piece: Floats) -> Floats:
             wanted = _projected(inverse, ahead, piece)
-            return self._bent(wanted, residual) if self._bends else wanted
+            return self._bent(wanted, residual) if self.bends else wanted
 
         return _by_pieces(points, (2,), found)
 
@@ -158,8 +158,15 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         return any(self.radial) or any(self.tangential)
 
     @property
-    def _bends(self) -> bool:
+    def bends(self) -> bool:
+        """Whether straight lines of the field are bent on the device."""
         return self._through or bool(self.residual)
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether columns and rows of the device are those of the field, mirrored or not."""
+        _, skew, _, slant, _, _, *tilt, _ = self.homography
+        return not (self.bends or any((skew, slant, *tilt)))
 
     @property
     def _centre(self) -> tuple[Floats, float]:

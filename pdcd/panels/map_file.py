@@ -8,7 +8,6 @@ A file holds, for each device by its name, ``<device>.size_px`` (2,), ``<device>
 from __future__ import annotations
 
 import io
-import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,9 +16,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pdcd.errors import ConfigError, disk_errors
+from pdcd.errors import ConfigError
 from pdcd.files.arrays import list_members, read_npz
 from pdcd.files.opening import ArrayLimits, UnsoundFileError
+from pdcd.files.put import replace_file
 from pdcd.files.reading import read_array_file
 from pdcd.panels.map import Map, to_map_matrix
 from pdcd.panels.map_soundness import MAX_NODES, check_map
@@ -56,7 +56,6 @@ def save_maps(path: Path | str, maps: Mapping[str, Map]) -> None:
     Raises ConfigError for a map that cannot be used or a device's name that cannot be stored,
     NoSpaceError or DiskError where the disk refuses.
     """
-    path = Path(path)
     if not 0 < len(maps) <= _MAX_MAPS:
         raise ConfigError(f"{len(maps)} maps for one file; it holds 1 to {_MAX_MAPS}")
     arrays: dict[str, Any] = {}
@@ -71,16 +70,7 @@ def save_maps(path: Path | str, maps: Mapping[str, Map]) -> None:
                 arrays[f"{device}.{key}"] = np.array(value, dtype=np.float64).reshape(shape)
     packed = io.BytesIO()
     np.savez(packed, **arrays)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    with disk_errors(str(path)):
-        try:
-            with partial.open("xb") as stream:
-                stream.write(packed.getvalue())
-                stream.flush()
-                os.fsync(stream.fileno())
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
+    replace_file(Path(path), packed.getvalue(), durable=True)
 
 
 def load_maps(path: Path | str) -> dict[str, Map]:

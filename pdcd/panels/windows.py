@@ -105,8 +105,7 @@ def is_on_whole_pixels(name: str, panel: PanelView, grid: tuple[int, int]) -> bo
     if find_window_kind(name).kinds < 4:
         return True
     map_ = panel.map
-    _, skew, _, slant, _, _, *tilt, _ = map_.homography
-    if any((skew, slant, *tilt, *map_.radial, *map_.tangential)) or map_.residual:
+    if not map_.is_upright:
         return False
     for axis, cells in enumerate(grid[::-1]):
         points = np.full((ATOMS * cells + 1, 2), 0.5)

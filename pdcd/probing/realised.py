@@ -371,7 +371,7 @@ def _chunk(
         live = mask.any(axis=1)  # a window is shut under the other sub-shifts
         if not live.all():
             mask, light = mask[live], light[live]
-        time_s = np.einsum("rij,rij->ij", lattice.seen(mask, o), light)
+        time_s = np.einsum("rij,rij->ij", lattice.stepped(mask, o.step), light)
         coaxial += o.area * time_s
         if fine is not None:
             fine.add_coaxial(o, time_s)

@@ -68,7 +68,7 @@ def find_upright_axes(
 ) -> tuple[bool, tuple[tuple[float, float], tuple[float, float]]] | None:
     """For a frame whose axes lie along those of the field: whether the axes are exchanged, and
     start and step in cells along rows and columns of quads; None for other frames."""
-    if any(map_.radial) or any(map_.tangential) or map_.residual:
+    if map_.bends:
         return None
     a, b, c, d, e, f, g, h, _ = (number / map_.homography[8] for number in map_.homography)
     width, height = map_.size_px

@@ -200,7 +200,6 @@ def test_black_and_white_stay_what_they_are_whatever_is_owed() -> None:
 )
 def test_a_sequence_has_as_many_copies_as_there_is_room_for(room: int, copies: int) -> None:
     """Grey levels of either panel are reason enough; both panels get as many."""
-    assert COPIES == 16
     for light, mask in ((GREY, BITS), (BITS, GREY)):
         sent = prepare_sequence(light, mask, (make_power_curve(2.2), make_power_curve(2.2)), room)
         assert [len(patterns) for patterns in sent] == [2 * copies] * 2

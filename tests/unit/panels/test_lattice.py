@@ -92,8 +92,8 @@ def test_cells_are_cut_where_windows_end(
     assert down == Lattice(GRID, window).pieces[0]
 
 
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.125, -0.3), (1e-17, 0.5 + 1e-16)])
-@pytest.mark.parametrize("window", ["whole", "quarter", "side-5/8"])
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.125, -0.3), (-0.75, 0.25), (1e-17, 0.5 + 1e-16)])
+@pytest.mark.parametrize("window", ["whole", "quarter", "side-5/8", "side-7/8"])
 def test_parts_of_cells_are_where_their_places_are(
     window: str, offset: tuple[float, float]
 ) -> None:

@@ -83,8 +83,8 @@ def test_the_matrix_of_dark_times_equals_the_dense_evaluation(
     assert np.abs(got.coaxial - coaxial).max() <= 1e-12 * want.max()
 
 
-@pytest.mark.parametrize("skew_us", [0, 1, 2, 5, 10])
-@pytest.mark.parametrize("dark_us", [0, 2, 10, 50])
+@pytest.mark.parametrize("skew_us", [0, 2, 10])
+@pytest.mark.parametrize("dark_us", [0, 2, 50])
 @pytest.mark.parametrize(("rise_us", "jitter_us"), [(0.0, 0.0), (4.0, 0.5)])
 def test_photos_of_two_dmds_equal_the_dense_evaluation(
     rise_us: float, jitter_us: float, dark_us: int, skew_us: int, tmp_path: Path

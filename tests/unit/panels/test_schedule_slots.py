@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
-from pdcd.panels.frames import BLACK, WHITE, FrameLog
+from pdcd.panels.frames import BLACK, WHITE
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import SLOTS, build_frames, count_slot_rows
 from pdcd.words import ScheduleName
-from tests import bench_rig
 
 B, W = BLACK, WHITE
 BITS = np.array([[0b10100000], [0b01100000]], dtype=np.uint8)
@@ -85,25 +83,6 @@ def test_patterns_have_one_bit_or_level_for_each_cell(
             build_frames(pairs, grid, window=window, schedule="none", passes=1)
 
 
-def test_a_log_without_rows_asked_was_asked_for_all_in_order() -> None:
-    shown, ns = np.array([5, 6, 7], np.int32), np.zeros(3, np.int64)
-    log = FrameLog(shown, shown, ns, ns, np.zeros(2, np.int64), shown, "test", True)
-    assert len(log) == 3 and log.mask_delay == 0
-    assert [rows.tolist() for rows in log.asked] == [[0, 1, 2], [0, 1, 2]]
-    asked = FrameLog(
-        shown, shown, ns, ns, np.zeros(2, np.int64), shown, "test", True, primal_asked=shown
-    )
-    assert [rows.tolist() for rows in asked.asked] == [[5, 6, 7], [0, 1, 2]]
-
-
-@pytest.mark.parametrize("window", ["whole", "quarter", "side-5/8", "side-7/8"])
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.1, -0.2), (0.5, 0.5), (-0.75, 0.25)])
-def test_overlaps_partition_every_cell(window: str, offset: tuple[float, float]) -> None:
-    lattice = Lattice((3, 5), window, offset)
-    assert sum(o.area for o in lattice.overlaps) == pytest.approx(1.0, rel=1e-14)
-    np.testing.assert_allclose(lattice.spread.sum(axis=0), 1.0, rtol=1e-14)
-
-
 @pytest.mark.parametrize("window", ["whole", "quarter"])
 def test_an_open_mask_ends_at_its_border(window: str) -> None:
     """Half a cell too far down, the last row of cells is half beyond the panel's cells."""
@@ -113,13 +92,3 @@ def test_an_open_mask_ends_at_its_border(window: str) -> None:
     open_share = seen / seen[0, 0]
     np.testing.assert_allclose(open_share[:2], 1.0)
     np.testing.assert_allclose(open_share[2], 0.5 if inside == 1.0 else 1.0)
-
-
-def test_paper_counts() -> None:
-    """Printed 512 codes are 128 pairs under 4 shifts: 1536 refreshes, 25.6 s at 60 Hz (H5)."""
-    codes = make_codes("hadamard", (49, 65), 128, dual="complement")
-    frames = build_frames(
-        bench_rig.pairs(codes), (48, 64), window="quarter", schedule="full", passes=1
-    )
-    assert len(frames) == 1536
-    assert len(frames) / 60.0 == pytest.approx(25.6)
