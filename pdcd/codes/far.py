@@ -106,9 +106,9 @@ def make_binary_masks(lit: Bools, seen: Bools, lattice: tuple[int, int], radius:
     radius : cells along each axis
 
     Returns
-    ------- (K, L) bool, open only where `seen` is. It is `seen` with more than `MOST_EVENED` codes
-    times cells, and for a radius of 0, where codes are lit half of the time and are even in any
-    case.
+    -------
+    (K, L) bool, open only where `seen` is. It is `seen` with more than `MOST_EVENED` codes times
+    cells, and for a radius of 0, where codes are lit half of the time and are even in any case.
     """
     if radius == 0 or lit.size > MOST_EVENED:
         return seen

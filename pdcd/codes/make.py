@@ -28,22 +28,12 @@ CODE_FAMILIES: dict[str, _Family] = {
 
 @dataclass(frozen=True, eq=False)
 class Codes:
-    """K primal/dual pairs over a lattice of L = rows x cols cells, row by row.
-
-    primal, dual : (K, L) bool
-        Cells that the projector lights, and at which the mask is open.
-    lattice : (rows, cols)
-        Cells of the patterns.
-    family, p, seed :
-        What the codes were made from; with the same lattice they give the same bits.
+    """K primal/dual pairs over a lattice of L = rows x cols cells, row by row: (K, L) bool each,
+    cells that the projector lights, and at which the mask is open.
     """
 
     primal: NDArray[np.bool_]
     dual: NDArray[np.bool_]
-    lattice: tuple[int, int]
-    family: str
-    p: float
-    seed: int
 
     def __len__(self) -> int:
         return len(self.primal)
@@ -87,14 +77,7 @@ def make_codes(
     # The bit generator is named because default_rng may change it and old runs must replay.
     rng = np.random.Generator(np.random.PCG64(seed))
     primal = CODE_FAMILIES[family](lattice, count, p, rng)
-    return Codes(
-        primal=primal,
-        dual=primal if dual == "same" else ~primal,
-        lattice=lattice,
-        family=family,
-        p=p,
-        seed=seed,
-    )
+    return Codes(primal, primal if dual == "same" else ~primal)
 
 
 def _check(

@@ -312,7 +312,7 @@ def _without_pilot(
 def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts: bool) -> Defaults:
     """A short pilot, and what is done instead when its scouts show nothing."""
     named = request.parts if isinstance(request.parts, int) else 1
-    share = choose_pilot_count(costs.codes, by_map=True, parts=named)
+    share = choose_pilot_count(costs.codes, named)
     left, used = costs.codes - SCOUTS, costs.codes - share
     counts = [n for n in range(left, used - 1, -1) if not n % named and costs.whole(n // named)]
     first, reason = named, "one exposure" if named == 1 else f"{named} exposures, as asked for"
@@ -355,7 +355,7 @@ def _no_pilot(
     if costs.elsewhere:
         return "as it looks for paths beside those of each cell with itself"
     named = parts if isinstance(parts, int) else 1
-    share = choose_pilot_count(costs.codes, by_map=True, parts=named)
+    share = choose_pilot_count(costs.codes, named)
     few = named > 1 and costs.codes - share < named * _FEWEST_CODES
     if costs.codes < _FEWEST or not share or few:
         within = f" in {named} parts" * (named > 1)

@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from pdcd.codes.orders import is_order
 from pdcd.codes.pilot.codes import MATCHED, choose_pilot_count
 from pdcd.protocol.request import CaptureRequest
 from tests.bench import plots
@@ -71,12 +72,17 @@ def _asked(scene: str, count: int, way: str) -> CaptureRequest | None:
         file = str(ROOT / "tests" / "data" / f"{scene}.npz")
         known = file if Path(file).exists() else f"scene:{scene}"
         return msgspec.structs.replace(base, prior=known)
-    share = (
-        count
-        if way == SHORT and count in MATCHED
-        else choose_pilot_count(count, by_map=way == SHORT)
-    )
+    if way != SHORT:
+        share = _choose_long_pilot(count)
+    else:
+        share = count if count in MATCHED else choose_pilot_count(count, 1)
     return msgspec.structs.replace(base, pilot=share) if share else None
+
+
+def _choose_long_pilot(count: int) -> int:
+    """At most two thirds of the codes, and leaving a Hadamard order; 0 if there is none."""
+    fits = (n for n in (128, 64, 32) if 3 * n <= 2 * count and is_order(count - n))
+    return next(fits, 0)
 
 
 def _error(scene: str, request: CaptureRequest, seed: int) -> float:

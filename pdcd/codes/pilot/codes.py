@@ -10,9 +10,9 @@ from pdcd.codes.orders import is_order
 from pdcd.codes.pilot.matching import MOST_MATCHING_CELLS
 from pdcd.errors import RequestError
 
-POWERS = (32, 64, 128)
-"""Pilot photos with which single paths are looked for. With fewer, chance matches outnumber true
-ones; more would show no more paths than a scene has."""
+LEAST_PURSUED = 32
+"""Pilot photos from which single paths are looked for. With fewer, chance matches outnumber true
+ones."""
 
 
 MATCHED = (8, 12, 16)
@@ -27,13 +27,13 @@ SCOUTS = 4
 """First photos of a pilot, after which it goes on or ends."""
 
 
-def choose_pilot_count(count: int, *, by_map: bool, parts: int = 1) -> int:
-    """Return how many of `count` codes to spend on a pilot; 0 if a pilot cannot be had.
+def choose_pilot_count(count: int, parts: int) -> int:
+    """Return how many of `count` codes to spend on a pilot that looks for a map; 0 if it cannot be
+    had.
 
-    At most two thirds of the codes, and leaving a Hadamard order for the shot, or for each of its
-    parts: one that looks `by_map`, or else a power of two.
+    At most two thirds of the codes, and leaving a Hadamard order for each part of the shot.
     """
-    for share in reversed(MATCHED if by_map else POWERS):
+    for share in reversed(MATCHED):
         each, rest = divmod(count - share, parts)
         if 3 * share <= 2 * count and not rest and is_order(each):
             return share
@@ -62,15 +62,15 @@ def make_pilot_codes(lattice: tuple[int, int], count: int, seed: int) -> Bools:
         if count > SCOUTS and lattice[0] * lattice[1] > MOST_MATCHING_CELLS:
             raise RequestError(
                 f"a pilot of {count} codes looks for a map of at most {MOST_MATCHING_CELLS} cells",
-                hint=f"take a power of two from {POWERS[0]}, or a coarser grid",
+                hint=f"take a power of two from {LEAST_PURSUED}, or a coarser grid",
             )
         scouts = make_codes("hadamard", lattice, SCOUTS, dual="complement", seed=4 * seed).primal
         return np.concatenate([scouts, _varied(lattice, count - SCOUTS, seed)])
     quarter = count // 4
-    if count % 4 or not is_order(quarter) or count < POWERS[0]:
+    if count % 4 or not is_order(quarter) or count < LEAST_PURSUED:
         raise RequestError(
             f"a pilot of {count} codes cannot be made",
-            hint=f"take one of {MATCHED}, or a power of two from {POWERS[0]}",
+            hint=f"take one of {MATCHED}, or a power of two from {LEAST_PURSUED}",
         )
     rest = count - 2 * quarter - SCOUTS
     kinds = (

@@ -221,13 +221,10 @@ smooth light, and avoiding what is not there disturbs the codes a little."""
 
 @dataclass(frozen=True)
 class PilotPrediction:
-    """Predicted RMS errors of the indirect image, over the RMS of the true one.
-
-    `alone` for all codes in one shot and no pilot. After a pilot, for the other codes: `piloted` if
-    they avoid the paths found, `unguided` if they do not.
+    """Predicted RMS errors of the indirect image, over the RMS of the true one, for the codes after
+    a pilot: `piloted` if they avoid the paths found, `unguided` if they do not.
     """
 
-    alone: float
     piloted: float
     unguided: float
 
@@ -282,7 +279,7 @@ def predict_pilot_errors(
     indirect = 2.0 * photos.mean(axis=0) - estimate_direct_light(codes, photos)
     light, shared = float(np.mean(indirect**2)), _shared(quarter, codes.shape[1])
     if light == 0.0 or shared == 0.0:
-        return PilotPrediction(alone=0.0, piloted=0.0, unguided=0.0)
+        return PilotPrediction(piloted=0.0, unguided=0.0)
     spread = []
     for series in (photos, cleared):
         differ = estimate_direct_light(codes[first], series[first]) - estimate_direct_light(
@@ -290,9 +287,8 @@ def predict_pilot_errors(
         )
         square = max(float(np.mean(differ**2) - blur), 0.0) / 2.0
         spread.append(square / light / shared)
-    alone, left = _shared(count, codes.shape[1]), _shared(count - pilot, codes.shape[1])
+    left = _shared(count - pilot, codes.shape[1])
     return PilotPrediction(
-        alone=float(np.sqrt(spread[0] * alone)),
         piloted=float(np.sqrt(spread[1] * left)),
         unguided=float(np.sqrt(spread[0] * left)),
     )

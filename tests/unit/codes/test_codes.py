@@ -6,23 +6,15 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from pdcd.codes.make import CODE_FAMILIES, Codes, make_codes
+from pdcd.codes.make import CODE_FAMILIES, make_codes
 from pdcd.errors import RequestError
-from pdcd.panels.patterns import pack_bits
 from pdcd.protocol.fields import list_request_fields
 from pdcd.words import FamilyName
+from tests.unit.codes._oracles import probing
 
 Dual = Literal["complement", "same"]
 LATTICES = [(1, 1), (1, 9), (5, 7)]
-
-
-def probing(codes: Codes) -> NDArray[np.int64]:
-    """sum_k m_k i_k^T by integer arithmetic: (L, L)."""
-    return codes.dual.astype(np.int64).T @ codes.primal.astype(np.int64)
 
 
 ANY_COUNT = [name for name in CODE_FAMILIES if name != "singer"]
@@ -43,13 +35,6 @@ def test_complement_codes_never_let_a_cell_see_itself(
 ) -> None:
     codes = make_codes(family, lattice, count, dual="complement", seed=3)
     assert np.array_equal(codes.dual, ~codes.primal)
-    assert not np.diag(probing(codes)).any()
-
-
-@pytest.mark.parametrize("count", [1, 3, 7, 31])
-def test_bernoulli_takes_any_count_and_p_and_keeps_the_diagonal_zero(count: int) -> None:
-    codes = make_codes("bernoulli", (5, 6), count, dual="complement", p=0.3, seed=1)
-    assert len(codes) == count
     assert not np.diag(probing(codes)).any()
 
 
@@ -93,41 +78,6 @@ def test_a_seed_always_gives_the_same_codes_and_another_seed_others(family: str)
     assert np.array_equal(first.primal, again.primal)
     assert np.array_equal(first.dual, again.dual)
     assert (first.primal != other.primal).mean() > 0.3
-
-
-@settings(max_examples=20)
-@given(
-    family=st.sampled_from(sorted(ANY_COUNT)),
-    rows=st.integers(1, 12),
-    cols=st.integers(1, 12),
-    count=st.sampled_from([2, 4, 8, 12, 16]),
-    dual=st.sampled_from(["complement", "same"]),
-    seed=st.integers(0, 2**53 - 1),
-)
-def test_packed_bits_are_the_patterns(
-    family: str, rows: int, cols: int, count: int, dual: Dual, seed: int
-) -> None:
-    codes = make_codes(family, (rows, cols), count, dual=dual, seed=seed)
-    cells = rows * cols
-    for pattern in (codes.primal, codes.dual):
-        bits = pack_bits(pattern)
-        assert bits.shape == (count, -(-cells // 8)) and bits.dtype == np.uint8
-        assert pattern.shape == (count, cells) and pattern.dtype == np.bool_
-        for cell in range(cells):  # first cell in the highest bit, read without numpy's unpacking
-            assert np.array_equal(bits[:, cell // 8] >> (7 - cell % 8) & 1, pattern[:, cell])
-        if cells % 8:
-            assert not (bits[:, -1] & (0xFF >> cells % 8)).any()
-
-
-def test_codes_say_what_they_were_made_from() -> None:
-    codes = make_codes("balanced", (3, 5), 8, dual="same", p=0.25, seed=9)
-    assert (codes.family, codes.lattice, codes.p, codes.seed, len(codes)) == (
-        "balanced",
-        (3, 5),
-        0.25,
-        9,
-        8,
-    )
 
 
 @pytest.mark.parametrize("family", CODE_FAMILIES)

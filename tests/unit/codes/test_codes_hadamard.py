@@ -6,12 +6,14 @@ import hashlib
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pdcd.codes.colouring import colour_lattice
-from pdcd.codes.hadamard import can_make_hadamard_codes
+from pdcd.codes.hadamard import can_make_hadamard_codes, make_hadamard_codes
 from pdcd.codes.make import make_codes
 from pdcd.codes.orders import find_nearest_orders, is_order, make_hadamard_columns
 from pdcd.errors import RequestError
+from tests.unit.codes._oracles import probing
 
 ORDERS = [n for n in range(1, 133) if is_order(n)]
 
@@ -91,15 +93,14 @@ def test_more_codes_than_cells_make_the_probing_matrix_exact(lattice: tuple[int,
     first = next(n for n in range(max(cells + 1, 4), 2 * cells + 4) if is_order(n))
     for count in (first, 2 * first, 4 * first):
         codes = make_codes("hadamard", lattice, count, dual="complement", seed=count)
-        probing = codes.dual.astype(np.int64).T @ codes.primal.astype(np.int64)
-        assert np.array_equal(4 * probing, count * (1 - np.eye(cells)))
+        assert np.array_equal(4 * probing(codes), count * (1 - np.eye(cells)))
 
 
 def test_every_pair_of_cells_meets_in_none_a_quarter_or_half_of_the_codes() -> None:
     codes = make_codes("hadamard", (9, 14), 28, dual="complement", seed=6)
-    probing = codes.dual.astype(np.int64).T @ codes.primal.astype(np.int64)
-    assert set(np.unique(probing)) == {0, 7, 14}
-    off_diagonal = probing[~np.eye(126, dtype=bool)]
+    meets = probing(codes)
+    assert set(np.unique(meets)) == {0, 7, 14}
+    off_diagonal = meets[~np.eye(126, dtype=bool)]
     assert np.mean(off_diagonal == 7) > 1 - 1.1 / 27  # cells of equal colour are 1 in 27 pairs
 
 
@@ -137,7 +138,40 @@ def test_shares_and_counts_without_columns_are_refused(count: int, p: float, hin
 
 
 @pytest.mark.parametrize(
-    ("family", "lattice", "count", "p", "digest"),
+    ("count", "p", "fits"),
+    [
+        (1, 0.5, False), (2, 0.5, True), (3, 0.5, False), (12, 0.5, True), (15, 0.25, False),
+        (16, 0.25, True), (20, 0.25, False), (32, 0.25, True), (63, 0.125, False),
+        (64, 0.125, True), (32, 0.125, False), (64, 0.3, False), (16, 0.75, False),
+    ],
+)  # fmt: skip
+def test_hadamard_counts_that_fit_a_share(count: int, p: float, fits: bool) -> None:
+    assert can_make_hadamard_codes(count, p) is fits
+    if fits:
+        assert (
+            make_hadamard_codes((2, 3), count, p, np.random.default_rng(0)).sum(axis=0) == p * count
+        ).all()
+    else:
+        with pytest.raises(RequestError):
+            make_hadamard_codes((2, 3), count, p, np.random.default_rng(0))
+
+
+def digest(bits: NDArray[np.bool_]) -> str:
+    return hashlib.sha256(np.packbits(bits).tobytes()).hexdigest()[:16]
+
+
+@pytest.mark.parametrize(
+    ("order", "known"),
+    [(12, "fcf7bcbe6c69b01a"), (28, "fbc67a0bb6bd43e5"), (36, "9483ccc67545bd15"),
+     (24, "3b6bbf75b37e187f"), (40, "483a3e0a26b600bc")],
+)  # fmt: skip
+def test_matrices_stay_what_they_are(order: int, known: str) -> None:
+    """Any order of columns would do; codes of stored runs are made again by this one."""
+    assert digest(make_hadamard_columns(order, np.arange(order)) > 0) == known
+
+
+@pytest.mark.parametrize(
+    ("family", "lattice", "count", "p", "known"),
     [
         ("hadamard", (65, 65), 128, 0.5, "7dea658dbef260f3"),
         ("hadamard", (48, 64), 8, 0.5, "adcb43f53d1d7836"),
@@ -146,11 +180,11 @@ def test_shares_and_counts_without_columns_are_refused(count: int, p: float, hin
     ],
 )
 def test_seeds_keep_their_codes(
-    family: str, lattice: tuple[int, int], count: int, p: float, digest: str
+    family: str, lattice: tuple[int, int], count: int, p: float, known: str
 ) -> None:
     """As they were when a cell looked at all others: up to 65 x 65 cells it still does."""
     codes = make_codes(family, lattice, count, dual="same", p=p, seed=1)
-    assert hashlib.sha256(np.packbits(codes.primal).tobytes()).hexdigest().startswith(digest)
+    assert digest(codes.primal) == known
 
 
 def test_cells_of_one_colour_keep_apart_where_not_all_are_looked_at() -> None:

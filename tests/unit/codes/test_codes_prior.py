@@ -98,14 +98,16 @@ def test_known_transport_lowers_the_error_of_a_mirror_scene() -> None:
 def test_links_become_symmetric_by_the_stronger_way() -> None:
     links = np.array([[9.0, 1.0, 0.0], [3.0, 9.0, 0.0], [0.0, 2.0, 0.0]])
     want = [[0.0, 3.0, 0.0], [3.0, 0.0, 2.0], [0.0, 2.0, 0.0]]
-    assert symmetrise_links(links, 3).toarray().tolist() == want
+    found = symmetrise_links(links, 3)
+    assert found.toarray().tolist() == want
+    assert (found.nnz, found.format, found.dtype) == (4, "csr", np.float64)
 
 
 @pytest.mark.parametrize(
     ("links", "words"),
     [
-        (np.zeros((5, 5)), "6 cells"), (-np.ones((6, 6)), "negative"),
-        (np.full((6, 6), np.nan), "not finite"), (np.full((6, 6), np.inf), "not finite"),
+        (np.zeros((5, 5)), "6 cells"), (np.zeros((5, 6)), "6 cells"),
+        (-np.ones((6, 6)), "negative"), (np.full((6, 6), np.nan), "not finite"), (np.full((6, 6), np.inf), "not finite"),
     ],
 )  # fmt: skip
 def test_unfit_links_are_refused(links: Any, words: str) -> None:

@@ -13,17 +13,18 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
-from pdcd.codes.make import Codes, make_codes
+from pdcd.codes.make import make_codes
 from pdcd.codes.orders import count_spread_subspaces, make_partial_spread
-from pdcd.codes.singer import count_plane_lines
+from pdcd.codes.singer import (
+    count_plane_lines,
+    make_difference_set,
+    make_projective_plane_codes,
+)
+from pdcd.errors import RequestError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.virtual.scene.presets import PRESETS
 from tests import bench_rig
-
-
-def probing(codes: Codes) -> NDArray[np.int64]:
-    """sum_k m_k i_k^T by integer arithmetic: (L, L)."""
-    return codes.dual.astype(np.int64).T @ codes.primal.astype(np.int64)
+from tests.unit.codes._oracles import probing
 
 
 def off_diagonal(matrix: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -94,6 +95,42 @@ def test_singer_codes_of_as_many_cells_keep_direct_and_an_exact_share(q: int, li
     assert np.array_equal(same, q * np.eye(lines) + 1)
     other = probing(make_codes("singer", (1, lines), lines, dual="complement", p=p, seed=5))
     assert np.array_equal(other, q * (1 - np.eye(lines)))
+
+
+@pytest.mark.parametrize("p", [0.2 + 1e-8, 0.2 - 1e-8, 0.5, 1 / 33, 1 / 7, 0.3, 0.9])
+def test_shares_that_no_plane_has_are_refused(p: float) -> None:
+    with pytest.raises(RequestError) as caught:
+        count_plane_lines(p)
+    shares = [3, 4, 5, 6, 8, 9, 10, 12, 14, 17, 18, 20, 24, 26, 28, 30, 32]
+    assert str(caught.value.hint).endswith(", ".join(f"1/{n}" for n in shares))
+
+
+@pytest.mark.parametrize(
+    ("q", "wanted"),
+    [
+        (3, (0, 1, 3, 9)),
+        (5, (0, 1, 3, 8, 12, 18)),
+        (7, (0, 1, 3, 13, 32, 36, 43, 52)),
+        (9, (0, 1, 6, 10, 23, 26, 34, 41, 53, 55)),
+        (31, (0, 1, 3, 22)),
+    ],
+)
+def test_planes_keep_their_lines(q: int, wanted: tuple[int, ...]) -> None:
+    """Others would do as well, but codes of stored runs are made again by these."""
+    found = make_difference_set(q)
+    assert found[: len(wanted)] == wanted and len(found) == q + 1
+
+
+@pytest.mark.parametrize(
+    ("count", "hint"),
+    [(6, "take 7 codes"), (8, "take 7 or 14 codes"), (15, "take 14 or 21 codes")],
+)
+def test_singer_codes_come_in_whole_sets(count: int, hint: str) -> None:
+    with pytest.raises(RequestError) as caught:
+        make_projective_plane_codes((2, 2), count, 1 / 3, np.random.default_rng(0))
+    assert caught.value.hint == hint
+    sets = make_projective_plane_codes((2, 3), 14, 1 / 3, np.random.default_rng(0))
+    assert sets.shape == (14, 6) and (sets.reshape(2, 7, 6).sum(axis=1) == 3).all()
 
 
 def test_singer_codes_of_more_cells_are_two_valued_and_exact_within_a_tile() -> None:

@@ -4,40 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pdcd.codes import alike, far
 from pdcd.codes.far import choose_times_lit, make_binary_masks, make_long_range_codes
 from pdcd.codes.make import make_codes
+from tests.unit.codes._oracles import (
+    BEST,
+    BEYOND,
+    COL,
+    GRID,
+    RADIUS,
+    ROW,
+    Bools,
+    Floats,
+    N,
+    around,
+    correlate_light,
+    far_error,
+)  # fmt: skip
 
-GRID = (12, 16)
-N = GRID[0] * GRID[1]
-RADIUS = 2
-BEST = 1.0 / 26.0
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-ROW, COL = np.divmod(np.arange(N), GRID[1])
-APART = np.maximum(np.abs(ROW[:, None] - ROW), np.abs(COL[:, None] - COL))
-BEYOND = (APART > RADIUS).astype(float)
 MIDDLES = (([1, 4, 7, 10], 3), ([1, 3.5, 6, 9, 11.5, 14], [3, 2, 3, 3, 2, 3]))
 """Of the blocks along 12 rows and 16 columns, and how many of these they have."""
 
 
-def around(lit: Bools) -> Bools:
-    """Where the mask may be open: no lit cell within the radius."""
-    seen: Bools = lit.astype(float) @ (1.0 - BEYOND) == 0.0
-    return seen
-
-
 def cost(lit: Bools, open_: Bools) -> Floats:
     """What each camera cell errs of light that is alike over some cells, dense, (N,)."""
-    square = (ROW[:, None] - ROW) ** 2 + (COL[:, None] - COL) ** 2
-    same = sum(
-        share * np.exp(-square / (2.0 * reach**2)) for reach, share in alike.CORRELATION_GAUSSIANS
-    )
-    same = same + alike.OWN_LIGHT * np.eye(N)
+    same = correlate_light()
     counted = open_.astype(float).T @ lit.astype(float)
     weight = (counted * BEYOND).sum(axis=1) / BEYOND.sum(axis=1)
     error = counted / weight[:, None] - BEYOND
@@ -51,16 +43,6 @@ def cost(lit: Bools, open_: Bools) -> Floats:
         lost = error * light
         out += np.einsum("yx,xz,yz->y", lost, same, lost) / whole
     return out
-
-
-def photo(lit: Bools, open_: Bools, transport: Floats) -> float:
-    """RMS error of the far photo over that of the true one."""
-    counted = open_.astype(float).T @ lit.astype(float)
-    assert not (counted * (1.0 - BEYOND)).any()
-    weight = (counted * BEYOND).sum(axis=1) / BEYOND.sum(axis=1)
-    truth = (BEYOND * transport).sum(axis=1)
-    error = (counted * transport).sum(axis=1) / weight - truth
-    return float(np.sqrt(np.mean(error**2) / np.mean(truth**2)))
 
 
 @pytest.mark.parametrize(("count", "times"), [(32, 1), (64, 1), (100, 2), (128, 2), (500, 2)])
@@ -81,7 +63,7 @@ def test_cells_are_lit_one_by_one_where_that_costs_little_light() -> None:
     lit = make_long_range_codes(GRID, 500, BEST, np.random.default_rng(1))
     assert lit.sum(axis=1).max() == 1
     transport = np.random.default_rng(2).random((N, N))
-    assert photo(lit, make_binary_masks(lit, around(lit), GRID, RADIUS), transport) < 1e-14
+    assert far_error(lit, make_binary_masks(lit, around(lit), GRID, RADIUS), transport) < 1e-14
     assert choose_times_lit(1000, 768, BEST) == round(0.5 * BEST * 1000)
     assert choose_times_lit(5, 768, BEST) == 1
 
@@ -111,8 +93,8 @@ def test_smooth_light_from_afar_errs_half_as_much(seed: int) -> None:
     transport = np.outer(0.2 + down, 0.2 + right) * (0.5 + 0.5 * rng.random(N))[:, None]
     lit = make_long_range_codes(GRID, 128, BEST, rng)
     bits = make_codes("balanced", GRID, 128, dual="same", p=5 / 128, seed=seed).primal
-    now = photo(lit, make_binary_masks(lit, around(lit), GRID, RADIUS), transport)
-    assert now < 0.5 * photo(bits, around(bits), transport)
+    now = far_error(lit, make_binary_masks(lit, around(lit), GRID, RADIUS), transport)
+    assert now < 0.5 * far_error(bits, around(bits), transport)
 
 
 def test_light_that_falls_off_errs_less(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -128,7 +110,7 @@ def test_light_that_falls_off_errs_less(monkeypatch: pytest.MonkeyPatch) -> None
     flat = make_binary_masks(lit, seen, GRID, RADIUS)
     assert cost(lit, falling).mean() < cost(lit, flat).mean()
     for transport in (steep, wall):
-        assert photo(lit, falling, transport) < 0.9 * photo(lit, flat, transport)
+        assert far_error(lit, falling, transport) < 0.9 * far_error(lit, flat, transport)
 
 
 def test_the_order_of_cells_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,45 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from pdcd.codes import alike, far, greyed
 from pdcd.codes.far import choose_times_lit, make_long_range_codes, make_long_range_masks
 from pdcd.panels.lattice import Lattice
 from pdcd.recipes.programs import LongRangeProgram
-
-GRID = (12, 16)
-N = GRID[0] * GRID[1]
-RADIUS = 2
-BEST = 1.0 / 26.0
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-ROW, COL = np.divmod(np.arange(N), GRID[1])
-APART = np.maximum(np.abs(ROW[:, None] - ROW), np.abs(COL[:, None] - COL))
-BEYOND = (APART > RADIUS).astype(float)
+from tests.unit.codes._oracles import (
+    BEST,
+    BEYOND,
+    COL,
+    GRID,
+    RADIUS,
+    ROW,
+    Bools,
+    Floats,
+    N,
+    around,
+    correlate_light,
+    far_error,
+)  # fmt: skip
 
 
 def coded(count: int, seed: int) -> tuple[Bools, Bools, Floats]:
     """Codes for grey masks, where these may be open, and how far they are."""
     lit = make_long_range_codes(GRID, count, BEST, np.random.default_rng(seed), grey=True)
-    seen: Bools = lit.astype(float) @ (1.0 - BEYOND) == 0.0
-    return (
-        lit,
-        seen,
-        np.asarray(make_long_range_masks(lit, seen, GRID, RADIUS, grey=True), np.float64),
-    )
-
-
-def error(lit: Bools, mask: Bools | Floats, transport: Floats) -> float:
-    """RMS error of the far photo over that of the true one, each cell over its own weight."""
-    counted = mask.astype(float).T @ lit.astype(float)
-    weight = (counted * BEYOND).sum(axis=1) / BEYOND.sum(axis=1)
-    truth = (BEYOND * transport).sum(axis=1)
-    off = (counted * BEYOND * transport).sum(axis=1) / weight - truth
-    return float(np.sqrt(np.mean(off**2) / np.mean(truth**2)))
+    seen = around(lit)
+    mask = make_long_range_masks(lit, seen, GRID, RADIUS, grey=True)
+    return lit, seen, np.asarray(mask, np.float64)
 
 
 def test_nothing_from_within_the_radius_gets_in() -> None:
@@ -56,11 +45,7 @@ def test_nothing_from_within_the_radius_gets_in() -> None:
 def test_no_other_levels_err_less() -> None:
     """Held against bounded least squares by a trust region (scipy), on the dense covariance."""
     lit, seen, mask = coded(64, 2)
-    square = (ROW[:, None] - ROW) ** 2 + (COL[:, None] - COL) ** 2
-    same = sum(
-        share * np.exp(-square / (2.0 * reach**2)) for reach, share in alike.CORRELATION_GAUSSIANS
-    )
-    root = np.linalg.cholesky(same + alike.OWN_LIGHT * np.eye(N))
+    root = np.linalg.cholesky(correlate_light())
     level = greyed.MEAN_OPEN_LEVEL * seen.mean()
     counted = level * lit.sum() / N
     for cell in (0, 37, 100, 150):
@@ -102,10 +87,9 @@ def test_smooth_light_errs_less_than_by_black_and_white(seed: int) -> None:
     paths = rng.permutation(np.eye(N))
     lit, _, mask = coded(128, seed)
     plain = make_long_range_codes(GRID, 128, BEST, np.random.default_rng(seed))
-    seen: Bools = plain.astype(float) @ (1.0 - BEYOND) == 0.0
-    even = make_long_range_masks(plain, seen, GRID, RADIUS)
+    even = make_long_range_masks(plain, around(plain), GRID, RADIUS)
     for transport, share in ((wide, 0.6), (steep, 0.8), (paths, 1.0)):
-        assert error(lit, mask, transport) < share * error(plain, even, transport)
+        assert far_error(lit, mask, transport) < share * far_error(plain, even, transport)
 
 
 def test_the_order_of_cells_changes_nothing() -> None:
@@ -124,7 +108,7 @@ def test_light_that_is_not_taken_to_fall_off(monkeypatch: pytest.MonkeyPatch) ->
     flat = np.asarray(make_long_range_masks(lit, seen, GRID, RADIUS, grey=True), np.float64)
     assert not flat[~seen].any() and not np.array_equal(flat, mask)
     wide = np.exp(-((ROW - 3.0) ** 2 + (COL - 5.0) ** 2) / 50.0) * np.ones((N, 1))
-    assert error(lit, flat, wide) < error(lit, mask, wide)
+    assert far_error(lit, flat, wide) < far_error(lit, mask, wide)
 
 
 @pytest.mark.parametrize(("count", "cells", "times"), [

@@ -168,6 +168,22 @@ def test_messages_along_a_row_are_those_of_all_ways_to_choose() -> None:
     assert np.array_equal(got.argmax(axis=1), best.argmax(axis=1))
 
 
+@pytest.mark.parametrize("grid", [(6, 7), (1, 9), (5, 1)])
+def test_a_message_is_the_best_partner_less_what_its_distance_costs(grid: tuple[int, int]) -> None:
+    """Relative to the best of all: one cell apart for nothing, two for a little, and anywhere."""
+    rng = np.random.default_rng(1)
+    belief = rng.normal(0.0, 6.0, (2, *grid)).astype(np.float32)
+    row, col = np.divmod(np.arange(belief[0].size), grid[1])
+    apart = np.maximum(np.abs(row[:, None] - row), np.abs(col[:, None] - col))
+    cost = np.select([apart <= 1, apart <= 2], [0.0, FAR_COST], BREAK_COST)
+    wanted = (belief.reshape(2, 1, -1) - cost).max(axis=2) - belief.reshape(2, -1).max(axis=1)[
+        :, None
+    ]
+    found = matching._told(belief)
+    np.testing.assert_allclose(found.reshape(2, -1), wanted, atol=1e-5)
+    assert found.min() >= -BREAK_COST and found.max() == 0.0
+
+
 def test_the_likeliest_light_of_a_partner_weighs_its_photos_against_what_is_usual() -> None:
     """By trying all strengths: misfit to the photos, and distance from the usual in its spread."""
     rng = np.random.default_rng(3)
