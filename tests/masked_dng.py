@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -31,17 +30,7 @@ def write_masked_dng(
     active, masked : top, left, bottom, right of the picture and of each masked area.
     cfa : colours of the quad in the picture's corner (0 red, 1 green, 2 blue).
     """
-    write_dng(
-        path,
-        sensor,
-        black=black,
-        white=16383,
-        iso=100,
-        exposure_s=0.6,
-        f_number=8.0,
-        model="test camera",
-        date=datetime(2024, 1, 2, 3, 4, 5),
-    )
+    write_dng(path, sensor, black=black, exposure_s=0.6)
     rows, columns = active[2] - active[0], active[3] - active[1]
     tags = {
         ORIENTATION: struct.pack(

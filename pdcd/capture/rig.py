@@ -48,7 +48,8 @@ from pdcd.errors import (
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.printable import keep_standard_streams
 from pdcd.protocol.events import Emit, ShotArmed, ShutterClosed, ShutterOpen
-from pdcd.sensor.dng import CFAS, keep_photo
+from pdcd.sensor.dng import keep_photo
+from pdcd.sensor.dng_form import BAYER
 from pdcd.sensor.profile import load_profile
 from pdcd.virtual.scene.scene import Scene
 
@@ -195,11 +196,11 @@ class Rig:
         """
         if load_profile(self.config.camera.profile).colours == 1:
             camera = replace(camera, cfa=None)
-        if camera.cfa not in (None, *CFAS):
+        if camera.cfa not in (None, *BAYER):
             raise ConfigError(
                 f"{camera.model} has a sensor with a mosaic {camera.cfa}, which cannot be read",
                 device="camera",
-                hint=f"use a camera without colours, or with a Bayer mosaic: {', '.join(CFAS)}",
+                hint=f"use a camera without colours, or with a Bayer mosaic: {', '.join(BAYER)}",
             )
         known, colours = self.config.camera.responsivity_e, 1 if camera.cfa is None else 3
         light = camera.responsivity_e if known is None else np.array(known)

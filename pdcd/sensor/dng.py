@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.devices import PhotoFrame, RawFile
 from pdcd.errors import ConfigError, ExposureError, disk_errors
+from pdcd.sensor.dng_form import BAYER
 
 MIN_SIDE = 22
 """Least width and height, in samples, of a RAW image that LibRaw accepts."""
@@ -45,10 +46,6 @@ _MAX_RATIO = 2.0**31  # of a TIFF rational, with room to spare
 _LEAST_F = 1e-6
 
 _Field = tuple[int, int, bytes]  # type, count, value
-
-
-CFAS = ("RGGB", "BGGR", "GRBG", "GBRG")
-"""Mosaics of red, green and blue: the colours of a quad, row by row."""
 
 
 def write_dng(
@@ -221,11 +218,11 @@ def encode_dng(
 
 
 def _check(samples: NDArray[np.uint16], cfa: str | None) -> None:
-    if cfa is not None and cfa not in CFAS:
+    if cfa is not None and cfa not in BAYER:
         raise ConfigError(
             f"no DNG is written of the mosaic {cfa!r}",
             device="camera",
-            hint=f"take one of {', '.join(CFAS)}, or None for a sensor without colours",
+            hint=f"take one of {', '.join(BAYER)}, or None for a sensor without colours",
         )
     if not isinstance(samples, np.ndarray):
         raise ConfigError(

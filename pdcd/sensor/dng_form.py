@@ -18,7 +18,7 @@ from pdcd.sensor.black import Area, BlackLevels
 from pdcd.sensor.tiff import TiffDirectory, TiffTags, read_numbers, read_reals
 
 BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
-"""Mosaics that can be read: colours of the quad, row by row."""
+"""Mosaics that are read and written: colours of the quad, row by row."""
 PLAIN, JPEG, DEFLATE = (1,), (7,), (8, 32946)
 """Compression numbers that can be read."""
 _CFA, _LINEAR = 32803, 34892

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from pdcd.bench.devices import PhotoFrame, RawFile
-from pdcd.errors import ConfigError, DiskError, NoSpaceError
-from pdcd.sensor.dng import MIN_SIDE, encode_dng, write_dng, write_photo_frame
+from pdcd.errors import DiskError, NoSpaceError
+from pdcd.sensor.dng import encode_dng, write_dng, write_photo_frame
 
 SIZES = {
     1: ("B", 1),
@@ -148,8 +148,7 @@ def test_times_are_the_closest_fraction_that_fits(seconds: float, ratio: tuple[i
 @pytest.mark.parametrize(
     ("size", "frame"),
     [
-        ((22, 22), (22, 22)),
-        ((22, 24), (22, 24)),
+        ((22, 24), (22, 24)),  # what LibRaw 0.22 and dcraw 9.28 take
         ((20, 22), (22, 24)),  # a border on both sides where one is needed
         ((22, 20), (24, 22)),
         ((4, 30), (22, 32)),
@@ -160,7 +159,6 @@ def test_times_are_the_closest_fraction_that_fits(seconds: float, ratio: tuple[i
 def test_a_small_mosaic_lies_in_the_corner_of_a_black_frame(
     size: tuple[int, int], frame: tuple[int, int]
 ) -> None:
-    assert MIN_SIDE == 22  # what LibRaw 0.22 and dcraw 9.28 take
     data, mosaic = made(*size)
     image, _ = directory(data, 8)
     assert (image[257][1], image[256][1]) == frame
@@ -211,22 +209,6 @@ def test_what_the_device_said_of_itself() -> None:
     image, _ = directory(made(22, 22, make="Acme", serial="0815", record=said)[0], 8)
     assert image[271] == ("text", b"Acme\0") and image[50735] == ("text", b"0815\0")
     assert json.loads(image[270][1].rstrip(b"\0")) == said
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"cfa": "RGBW"}, "RGBW"),
-        ({"black": [1, 2]}, "black"),
-        ({"black": -1}, "black"),
-        ({"cfa": None, "black": [1, 2, 3, 4]}, "black"),
-        ({"iso": 65536}, "65536"),
-        ({"iso": -1}, "ISO -1"),
-    ],
-)
-def test_what_no_file_can_hold_is_refused(wrong: dict[str, Any], said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        made(22, 22, **wrong)
 
 
 def test_a_file_of_ones_own(tmp_path: Path) -> None:

@@ -132,14 +132,6 @@ def test_grey_is_one_number_with_the_noise_of_one_sample() -> None:
         np.testing.assert_allclose(found[..., 0], wanted, rtol=1e-6)
 
 
-def test_squares_with_a_saturated_sample_are_left_out(tmp_path: Path) -> None:
-    samples = np.full((24, 24), 1000, np.uint16)
-    samples[0, 0] = samples[2:4, 2:4] = 4095
-    frame = read_raw(own(tmp_path / "a.dng", samples)).binned(2)
-    assert frame.frame == (12, 12) and frame.samples[0, 0, 0] == 1000.0
-    assert np.argwhere(frame.saturated).tolist() == [[0, 0], [1, 1]]
-
-
 @pytest.mark.parametrize(
     ("end", "count", "ends"), [(4080, 40, True), (4080, 15, False), (3600, 40, False)]
 )

@@ -44,34 +44,19 @@ def test_the_lines_of_an_upright_frame() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "is_upright"),
-    [
-        ({}, True),
-        ({"radial": (0.01, 0.0)}, False),
-        ({"radial": (0.0, 0.01)}, False),
-        ({"tangential": (0.01, 0.0)}, False),
-        ({"tangential": (0.0, 0.01)}, False),
-        ({"residual": (((0.0, 0.0),) * 2,) * 2}, False),
-    ],
+    "change", [{"radial": (0.01, 0.0)}, {"residual": (((0.0, 0.0),) * 2,) * 2}]
 )
-def test_a_frame_seen_through_a_lens_is_not_upright(
-    change: dict[str, Any], is_upright: bool
-) -> None:
+def test_a_frame_seen_through_a_lens_is_not_upright(change: dict[str, Any]) -> None:
     map_ = msgspec.structs.replace(FULL, **change)
-    assert (find_upright_axes(map_, (8, 3)) is not None) is is_upright
-    assert (make_axis_weights(map_, (4, 6), (8, 3)) is not None) is is_upright
+    assert find_upright_axes(map_, (8, 3)) is None
+    assert make_axis_weights(map_, (4, 6), (8, 3)) is None
 
 
-@pytest.mark.parametrize("base", [np.eye(3), np.eye(3)[[1, 0, 2]]])
-@pytest.mark.parametrize("at", [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1)])
-def test_a_turn_of_a_billionth_of_the_field_is_none(base: np.ndarray, at: tuple[int, int]) -> None:
-    if base[at] == 1.0:
-        return
-    # Over the width or the height of the device, by pixels.
-    side = (6, 4)[at[1]]
-    for turn, same in ((0.9e-9, True), (-0.9e-9, True), (1.5e-9, False), (-1.5e-9, False)):
-        numbers = base @ np.diag([1 / 6, 1 / 4, 1.0])
-        numbers[at] += turn / side
+@pytest.mark.parametrize("at", [(0, 1), (1, 0), (2, 0), (2, 1)])
+def test_a_turn_that_is_rounding_is_none(at: tuple[int, int]) -> None:
+    for turn, same in ((1e-12, True), (-1e-12, True), (1e-6, False), (-1e-6, False)):
+        numbers = np.diag([1 / 6, 1 / 4, 1.0])
+        numbers[at] += turn
         map_ = Map(size_px=(6, 4), homography=tuple(numbers.ravel().tolist()))
         assert (find_upright_axes(map_, (8, 3)) is not None) is same, turn
 

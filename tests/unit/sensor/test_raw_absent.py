@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import struct
 import threading
 from dataclasses import replace
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rawpy
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
@@ -19,7 +17,6 @@ from pdcd.sensor import mosaic, proof
 from pdcd.sensor.raw import read_raw, read_raw_head
 from pdcd.sensor.tiff import read_tags
 from pdcd.sensor.whole import check_whole, find_gap
-from tests.cr2 import write_cr2
 from tests.form_dng import LONG, RATIONAL, SHORT, DngFile, Tag, write_dng_form
 
 SHAPE = 128, 192
@@ -62,16 +59,6 @@ def test_lossless_jpeg_that_is_not_there(
     data[offset + first : offset + size] = filling * (size - first)
     said = refused(tmp_path / "a.dng", bytes(data), reads=(read_raw, read_raw_head))
     assert "no lossless JPEG" in said
-
-
-@pytest.mark.parametrize("file", [JPEG, TILES])
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.999])
-def test_lossless_jpeg_without_its_tail(tmp_path: Path, file: DngFile, share: float) -> None:
-    data = bytearray(write_dng_form(tmp_path / "a.dng", NOISE, file))
-    offset, size = parts_of(data)[-1]
-    there = int(share * (size - 150)) + 148
-    data[offset + there : offset + size] = bytes(size - there)
-    assert "has no end" in refused(tmp_path / "a.dng", bytes(data))
 
 
 def test_a_jpeg_of_fewer_samples_than_its_tile(tmp_path: Path) -> None:
@@ -145,18 +132,6 @@ def test_a_hole_in_the_middle_of_compressed_samples(
     start = -(-(offset + size // 3) // 1024) * 1024
     data[start : start + size // 2] = bytes(size // 2)
     refused(tmp_path / "a.dng", bytes(data))
-
-
-@pytest.mark.parametrize("file", [PLAIN, replace(PLAIN, bits=12), replace(PLAIN, strip_rows=8),
-                                  replace(PLAIN, tile=(32, 64))])  # fmt: skip
-@pytest.mark.parametrize(("begin", "end"), [(0.6, 1.0), (0.0, 0.4), (0.5, 0.62)])
-def test_rows_that_have_not_come(tmp_path: Path, file: DngFile, begin: float, end: float) -> None:
-    data = bytearray(write_dng_form(tmp_path / "a.dng", NOISE, file))
-    first = parts_of(data)[0][0]
-    here, there = (first + int(share * (len(data) - first)) for share in (begin, end))
-    data[here:there] = bytes(there - here)
-    said = "far below black" if len(parts_of(data)) == 1 else "not all samples are in it"
-    assert said in refused(tmp_path / "a.dng", bytes(data))
 
 
 def test_dark_rows_are_samples(tmp_path: Path) -> None:
@@ -238,15 +213,6 @@ def test_numbers_that_contradict_each_other(
     assert words in refused(tmp_path / "a.dng", data)
 
 
-@pytest.mark.parametrize("share", [0.02, 0.3, 0.7, 0.98])
-def test_a_cr2_with_a_zeroed_tail(tmp_path: Path, share: float) -> None:
-    path = tmp_path / "a.cr2"
-    write_cr2(path, RNG.integers(1100, 14000, (64, 96)).astype(np.uint16))
-    data = path.read_bytes()
-    there = int(share * len(data)) if share > 0.1 else 600
-    refused(path, data[:there] + bytes(len(data) - there))
-
-
 # What is not built on TIFF, or begins otherwise.
 
 
@@ -316,25 +282,6 @@ def test_other_containers_are_as_long_as_they_say(made: Any) -> None:
     for size in range(40, len(data), len(data) // 20):
         with pytest.raises(DecodeError, match=f"a: it is not whole, {size} bytes of "):
             check_whole(data[:size], read_tags(data[:size]), "a")
-
-
-def test_only_the_first_photo_of_a_form_is_decoded_twice(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    opened: list[io.BytesIO] = []
-    plain = rawpy.imread
-
-    def count(file: io.BytesIO) -> rawpy.RawPy:
-        opened.append(file)
-        return plain(file)
-
-    monkeypatch.setattr(rawpy, "imread", count)
-    monkeypatch.setattr(mosaic, "_proven", {})
-    for made, file in ((1, PLAIN), (1, replace(PLAIN, bits=12)), (0, PLAIN), (1, JPEG), (0, JPEG)):
-        write_dng_form(tmp_path / "a.dng", NOISE, file)
-        opened.clear()
-        read_raw(tmp_path / "a.dng")
-        assert len(opened) == 1 + made
 
 
 def test_what_lies_in_the_file_counts_where_the_decoder_says_otherwise(

@@ -150,25 +150,6 @@ def test_black_is_taken_from_64_samples_of_each_colour(
     assert (raw.black is raw.libraw_black) is not masked
 
 
-@pytest.mark.parametrize(
-    ("values", "mean"),
-    [
-        ([500] * 60 + [505] * 4, 500.3125),  # five times a spread of 1, the least
-        ([500] * 60 + [506] * 4, 500.0),
-        ([500] * 60 + [495] * 4, 499.6875),
-        ([500] * 60 + [494] * 4, 500.0),
-        # Half of them are 2 away: a spread of 2.9652.
-        ([498] * 18 + [500] * 20 + [502] * 22 + [514] * 4, 501.0),
-        ([498] * 18 + [500] * 20 + [502] * 22 + [515] * 4, 30008 / 60),
-        ([498] * 22 + [500] * 20 + [502] * 18 + [485] * 4, 29992 / 60),
-    ],
-)
-def test_samples_far_from_the_others_are_no_black(
-    tmp_path: Path, values: list[int], mean: float
-) -> None:
-    assert bordered(tmp_path / "a.dng", values).black == pytest.approx([mean] * 4, rel=1e-12)
-
-
 def test_white_and_a_lower_level_count_from_black_on(tmp_path: Path) -> None:
     image = np.full((48, 64), 600, np.uint16)
     image[:, :16] = 500

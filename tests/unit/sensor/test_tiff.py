@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from pdcd.sensor.tiff import EXPOSURE_TIME, TiffTags, read_tags
+from pdcd.sensor.tiff import TiffTags, read_tags
 
 Entry = tuple[int, int, int, bytes | int]
 """Tag, type, count, and the four bytes of a value or the place of a longer one."""
@@ -59,17 +59,6 @@ def test_types_that_no_kept_tag_has_are_left_out(order: str, kind: int) -> None:
     tags = tags_of(head(order) + directory(order, (MODEL, kind, 1, bytes(4))) + bytes(100))
     assert tags.directories == ({},)
     assert tags.numbers(MODEL) == () and tags.text(MODEL) == ""
-
-
-@ORDERS
-@pytest.mark.parametrize(
-    ("ratio", "seconds"), [((1, 200), 0.005), ((22, 10), 2.2), ((0, 0), 0.0), ((1, 0), 0.0)]
-)
-def test_the_exposure_is_a_ratio(order: str, ratio: tuple[int, int], seconds: float) -> None:
-    at = 8 + 2 + 12 + 4
-    data = head(order) + directory(order, (EXPOSURE_TIME, RATIONAL, 1, at))
-    assert tags_of(data + struct.pack(f"{order}2I", *ratio)).exposure_s == seconds
-    assert tags_of(head(order) + directory(order, (MODEL, BYTE, 1, 0))).exposure_s == 0.0
 
 
 @ORDERS
