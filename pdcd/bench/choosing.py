@@ -27,6 +27,7 @@ from pdcd.bench.tables import Config
 from pdcd.bench.truth import restore_typed_values
 from pdcd.errors import BusyError, ConfigError, disk_errors
 from pdcd.files.opening import UnsoundFileError
+from pdcd.files.put import replace_file
 from pdcd.files.reading import hash_file, read_file
 from pdcd.files.system import locks, system
 from pdcd.files.text import encode_json
@@ -247,9 +248,7 @@ def pin_calibration(config: Config, name: str | None) -> None:
     path = find_state_dir(config) / CALIBRATIONS_FOLDER / PINNED
     with disk_errors(str(path)):
         path.parent.mkdir(parents=True, exist_ok=True)
-        new = path.with_name(f"{PINNED}.new")
-        new.write_bytes(encode_json(pins) + b"\n")
-        new.replace(path)
+    replace_file(path, encode_json(pins) + b"\n")
 
 
 def find_calibration(config: Config, name: str) -> Path:

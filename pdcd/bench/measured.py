@@ -195,7 +195,8 @@ def _check_values(used: Config, config: Config, folder: Path) -> None:
 def _named(config: Config, folder: Path, hint: str) -> CalibrationChoice:
     """A calibration that somebody named. Raises ConfigError, with `hint`, where it does not fit."""
     record, _ = read_calibration(folder)
-    check_same_bench(record, config, hint)
+    if what := describe_other_bench(record, config, named=True):
+        raise ConfigError(f"calibration {record.name} is of another bench: {what}", hint=hint)
     return CalibrationChoice(use_calibration_folder(config, folder), folder)
 
 
@@ -209,16 +210,6 @@ def link_calibration(folder: Path, calibrations: Path) -> None:
         calibrations.mkdir(parents=True, exist_ok=True)
         if folder.resolve().parent != calibrations.resolve():
             (calibrations / folder.name).symlink_to(folder.resolve())
-
-
-def check_same_bench(
-    record: Calibration,
-    config: Config,
-    hint: str = 'run pdcd calibrate, or set [calibration] use = "none"',
-) -> None:
-    """Raise ConfigError where a calibration that was named is of other panels or drivers."""
-    if what := describe_other_bench(record, config, named=True):
-        raise ConfigError(f"calibration {record.name} is of another bench: {what}", hint=hint)
 
 
 def parse_calibration_name(folder: Path) -> str:
@@ -350,9 +341,9 @@ def _with_typed(config: Config, asked: Config) -> Config:
     return msgspec.structs.replace(config, calibration=calibration)
 
 
-def compute_age_days(record: Calibration, now: datetime | None = None) -> float:
+def compute_age_days(record: Calibration) -> float:
     """Days since it ended; NaN where its date cannot be read."""
-    return compute_age_h(record.finished_utc, now) / 24.0
+    return compute_age_h(record.finished_utc) / 24.0
 
 
 def compute_age_h(made_utc: str, now: datetime | None = None) -> float:

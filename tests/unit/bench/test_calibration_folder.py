@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
-from pdcd.bench import calibration
 from pdcd.bench.calibration import (
     CALIBRATION_DIGEST,
     RECORD,
-    CameraRecord,
     PhotoRecord,
     format_digest_line,
     read_calibration,
@@ -60,16 +57,6 @@ def test_a_record_of_another_schema_is_refused(tmp_path: Path) -> None:
             read_calibration(folder)
 
 
-def test_a_record_has_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = written(tmp_path / "cal", record())
-    size = len((folder / RECORD).read_bytes())
-    monkeypatch.setattr(calibration, "MAX_RECORD_BYTES", size)
-    assert read_calibration(folder)[0] == record()
-    monkeypatch.setattr(calibration, "MAX_RECORD_BYTES", size - 1)
-    with pytest.raises(ConfigError, match=f"more than the {size - 1} allowed"):
-        read_calibration(folder)
-
-
 PHOTO: dict[str, Any] = {
     "name": "dots", "raw": "raw/dots.dng", "sha256": "0" * 64, "size_bytes": 0, "iso": 1,
     "f_number": 8.0, "open_ns": 2**62, "close_ns": -(2**62), "end_ns": [0, 0],
@@ -89,9 +76,3 @@ def test_numbers_and_names_of_a_photo_have_bounds(wrong: dict[str, Any]) -> None
     assert msgspec.convert({**PHOTO, "name": "x" * 100}, PhotoRecord).refreshes == 2**62
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert(PHOTO | wrong, PhotoRecord)
-
-
-@pytest.mark.parametrize("cfa", ["GBRG", None])
-def test_a_camera_is_given_back_with_its_mosaic(cfa: str | None) -> None:
-    info = replace(record().camera.info, cfa=cfa)
-    assert CameraRecord.of(info).info.cfa == cfa

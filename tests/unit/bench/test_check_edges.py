@@ -111,15 +111,6 @@ def test_planes_last_about_equally_long(measured: tuple[float, ...], sound: bool
     assert keys(config) == expected
 
 
-def test_one_plane_a_refresh_has_no_times() -> None:
-    (message,) = check_config(Config(display=DisplayConfig(plane_starts=(0.0,))))
-    assert message == "display.plane_starts: 1 times for 1 planes of a refresh"
-    (message,) = check_config(
-        Config(display=DisplayConfig(planes_per_refresh=24, plane_starts=(0.0,)))
-    )
-    assert message == "display.plane_starts: 1 times for 24 planes of a refresh"
-
-
 def test_cells_have_a_pixel_of_each_panel_or_as_many_as_their_window_needs() -> None:
     small = PanelConfig(size_px=(64, 48))
 

@@ -1,4 +1,4 @@
-"""Places on the field as a configuration says them: by hand, by a file, and what is refused."""
+"""Places on the field as a configuration says them: from files, on a part, and what is refused."""
 
 from __future__ import annotations
 
@@ -32,31 +32,6 @@ def write(folder: Path, text: str) -> Path:
 def with_mask(place: Placing) -> Config:
     base = Config()
     return msgspec.structs.replace(base, mask=msgspec.structs.replace(base.mask, place=place))
-
-
-def corners(place: Placing) -> list[list[float]]:
-    """Where the left upper, right upper and left lower corner of the mask lie on the field."""
-    map_ = panels_of(with_mask(place)).mask.map
-    return np.round(map_.to_field([[0, 0], [1600, 0], [0, 1200]]), 9).tolist()  # type: ignore[no-any-return]
-
-
-def test_places_by_hand() -> None:
-    assert corners(Placing()) == [[0, 0], [1, 0], [0, 1]]
-    assert corners(Placing(flip="horizontal")) == [[1, 0], [0, 0], [1, 1]]
-    assert corners(Placing(turn_deg=180.0)) == [[1, 1], [0, 1], [1, 0]]
-    # A quarter turn clockwise of a picture as large as the field, 4 by 3: the upper edge goes to
-    # the right, and is 4 high there.
-    assert np.allclose(
-        corners(Placing(turn_deg=90.0)), [[7 / 8, -1 / 6], [7 / 8, 7 / 6], [1 / 8, -1 / 6]]
-    )
-    assert np.allclose(corners(Placing(scale=0.5)), [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75]])
-    assert np.allclose(
-        corners(Placing(offset_px=(102.4, -76.8))), [[0.1, -0.1], [1.1, -0.1], [0.1, 0.9]]
-    )
-    by_pixels = Placing(homography=MASK.homography)
-    back = np.linalg.inv(np.reshape(MASK.homography, (3, 3)))
-    by_field = Placing(homography=tuple(back.ravel().tolist()), homography_from="field")
-    assert np.allclose(corners(by_pixels), corners(by_field))
 
 
 def test_a_file_of_maps_is_found_beside_the_configuration(tmp_path: Path) -> None:

@@ -31,34 +31,18 @@ def table(path: str, value: object) -> dict[str, Any]:
 
 BOUNDS: list[tuple[str, object, object]] = [
     # key, the last value that it may have, and the next one
-    ("rig.retries", 0, -1), ("rig.retries", 100, 101), ("rig.settle_s", 0.0, -1e-9),
-    ("rig.misregistration_px", 0.0, -1e-9), ("mask.size_px", [1, 1], [1, 0]),
-    ("mask.size_px", [1, 1], [0, 1]), ("mask.refresh_hz", 1e-9, 0.0), ("mask.jitter_s", 0.0, -1.0),
-    ("mask.scan_bands", 1, 0), ("mask.scan_bands", 16384, 16385), ("mask.rise_s", 0.0, -1e-9),
-    ("mask.fall_s", 0.0, -1e-9), ("mask.contrast", 1e-9, 0.0), ("mask.gamma", 0.1, 0.09),
+    ("rig.retries", 100, 101), ("rig.settle_s", 0.0, -1e-9), ("mask.size_px", [1, 1], [1, 0]),
+    ("mask.refresh_hz", 1e-9, 0.0), ("mask.scan_bands", 16384, 16385), ("mask.gamma", 0.1, 0.09),
     ("mask.gamma", 10.0, 10.1), ("mask.lut", [0.0, 1.0], [0.0, 1.1]),
-    ("mask.lut", [0.0, 1.0], [-0.1, 1.0]), ("mask.lut", [0.0] * 256, [0.0] * 257),
-    ("mask.blur_px", 0.0, -0.1), ("mask.blur_px", 64.0, 64.1),
+    ("mask.lut", [0.0] * 256, [0.0] * 257), ("mask.blur_px", 64.0, 64.1),
     ("display.mask_delay_refreshes", 60, 61), ("display.mask_delay_refreshes", -60, -61),
-    ("display.planes_per_refresh", 24, 23), ("display.planes_per_refresh", 1, 2),
-    ("display.plane_starts", [0.0], [-0.1]), ("display.plane_starts", [0.999], [1.0]),
-    ("display.faults.late", {"4": 1}, {"4": 0}), ("display.faults.exposures", 0, -1),
-    ("camera.f_number", 1e-9, 0.0), ("camera.quads_per_cell", 1, 0),
-    ("camera.quads_per_cell", 64, 65), ("camera.buckets", 1, 0), ("camera.buckets", 2, 3),
-    ("camera.frame_quads", [1, 16384], [0, 1]), ("camera.frame_quads", [16384, 1], [16385, 1]),
+    ("display.planes_per_refresh", 24, 23), ("display.plane_starts", [0.999], [1.0]),
+    ("display.faults.late", {"4": 1}, {"4": 0}), ("camera.quads_per_cell", 64, 65),
+    ("camera.buckets", 2, 3), ("camera.frame_quads", [16384, 1], [16385, 1]),
     ("camera.responsivity_e", [1.0, 1.0, 1e-9], [1.0, 1.0, 0.0]),
-    ("camera.blur_quads", 0.0, -1.0), ("camera.seed", 0, -1), ("camera.fetch_timeout_s", 1e-9, 0.0),
-    ("camera.readout_s", 0.0, -1e-9), ("trigger.lag_s", 0.0, -1e-9),
-    ("trigger.jitter_s", 0.0, -1e-9), ("scene.grid", [1, 1], [0, 1]),
-    ("scene.grid", [1, 1], [1, 0]), ("scene.ambient", 0.0, -1e-9),
-    ("schedule.grid", [1, 1], [1, 0]), ("schedule.grid", [1, 1], [0, 1]),
-    ("schedule.codes", 1, 0), ("schedule.codes", 65536, 65537),
-    ("calibration.sha256", "0" * 64, "0" * 63), ("calibration.sha256", "f" * 64, "g" * 64),
-    ("calibration.max_age_days", 1e-9, 0.0), ("limits.max_exposure_s", 1e-9, 0.0),
-    ("limits.min_free_bytes", 0, -1),
-    ("limits.connections", 1, 0), ("limits.connections_per_user", 1, 0),
-    ("limits.queued_per_user", 1, 0), ("limits.idle_s", 1e-9, 0.0),
-    ("limits.work_bytes", 2**28, 2**28 - 1), ("limits.work_silent_s", 1e-9, 0.0),
+    ("scene.grid", [1, 1], [0, 1]), ("schedule.grid", [1, 1], [1, 0]),
+    ("schedule.codes", 65536, 65537), ("calibration.sha256", "f" * 64, "g" * 64),
+    ("limits.connections", 1, 0), ("limits.work_bytes", 2**28, 2**28 - 1),
 ]  # fmt: skip
 
 
@@ -70,17 +54,9 @@ def test_a_key_of_the_configuration_has_its_bounds(path: str, last: object, beyo
 
 
 TRUE_BOUNDS: list[tuple[str, object, object]] = [
-    ("projector.jitter_s", 0.0, -1e-9), ("projector.rise_s", 0.0, -1e-9),
-    ("projector.fall_s", 0.0, -1e-9), ("projector.contrast", 1e-9, 0.0),
-    ("mask.scan_bands", 1, 0), ("mask.scan_bands", 16384, 16385), ("mask.falloff", 1.0, 1.01),
-    ("mask.falloff", 0.0, -0.01), ("mask.dead_rows", [0], [-1]), ("mask.dead_columns", [0], [-1]),
-    ("camera.blur_quads", LARGEST_BLUR, 64.1), ("camera.blur_quads", 0.0, -0.1),
-    ("camera.falloff", 1.0, 1.01), ("camera.samples", 1, 0), ("camera.samples", 64, 65),
-    ("scene.ambient", 0.0, -1e-9), ("scene.blur_px", 64.0, 64.1), ("scene.blur_px", 0.0, -0.1),
-    ("scene.blur_taps", 3, 2), ("scene.blur_taps", 15, 16), ("trigger.lag_s", 0.0, -1e-9),
-    ("trigger.jitter_s", 0.0, -1e-9), ("sensor.gain", 1e-9, 0.0), ("sensor.read_noise", 1e-9, 0.0),
-    ("sensor.dark", 1e-9, 0.0), ("sensor.full_well", 1e-9, 0.0), ("sensor.prnu", 0.0, -0.01),
-    ("sensor.prnu", 0.5, 0.51), ("sensor.responsivity_e", [1.0, 1.0, 1.0], [1.0, 0.0, 1.0]),
+    ("mask.falloff", 1.0, 1.01), ("mask.dead_rows", [0], [-1]),
+    ("camera.blur_quads", LARGEST_BLUR, 64.1), ("camera.samples", 64, 65),
+    ("scene.blur_taps", 15, 16), ("sensor.gain", 1e-9, 0.0), ("sensor.prnu", 0.5, 0.51),
 ]  # fmt: skip
 
 
