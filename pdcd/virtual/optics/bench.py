@@ -36,7 +36,7 @@ from pdcd.virtual.optics.lookup import (
     is_sparse,
     render_by_lookup,
 )
-from pdcd.virtual.optics.own_cells import CLOSED, FIELD_EDGE, OwnCells, find_own_cells
+from pdcd.virtual.optics.own_cells import CLOSED, OwnCells, find_own_cells
 from pdcd.virtual.optics.products import (
     PairTables,
     PanelExposure,
@@ -46,7 +46,7 @@ from pdcd.virtual.optics.products import (
 )
 from pdcd.virtual.optics.render import Detail, PictureTerms, Renderer
 from pdcd.virtual.optics.sent import compute_sent_light
-from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff
+from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff, lie_on_field
 from pdcd.virtual.optics.sights import (
     CameraSamples,
     CellGrid,
@@ -186,27 +186,16 @@ class OpticalBench:
 
     def _tables(self, driven: _Driven, exposure: PanelExposure) -> PairTables:
         """For how long sites were lit and open, and the indirect light that came of it."""
-        met, frames = driven.renderer.met, exposure.frames
+        met, frames, effects = driven.renderer.met, exposure.frames, self._indirect
         if not frames.of_pixels:
             products = Products(
-                self.true,
-                driven.lit,
-                driven.opened,
-                exposure,
-                driven.spread,
-                self._indirect,
+                self.true, driven.lit, driven.opened, exposure, driven.spread, effects
             )
             return products.tables(met.direct, met.indirect)
         lit = Histories(driven.lit, frames, mask=False)
         opened = Histories(driven.opened, frames, mask=True)
-        products = Products(
-            self.true,
-            lit,
-            opened,
-            exposure,
-            lit.spread(driven.spread),
-            self._indirect,
-        )
+        light = lit.spread(driven.spread)
+        products = Products(self.true, lit, opened, exposure, light, effects)
         direct, of_direct = find_distinct_pairs(met.direct, opened.of, lit.of)
         indirect, of_indirect = find_distinct_pairs(met.indirect, opened.of, None)
         few = products.tables(direct, indirect)
@@ -318,9 +307,9 @@ class OpticalBench:
         rows, cols = self.frame
         corners = np.stack(np.meshgrid(np.arange(cols + 1.0), np.arange(rows + 1.0)), axis=-1)
         places, own = self._setting.camera.to_field(corners), self._own(grid)
-        with np.errstate(invalid="ignore"):
-            good = ((places >= -FIELD_EDGE) & (places <= 1.0 + FIELD_EDGE)).all(axis=-1)
-        good = np.asarray(good if own is None else good & own.inside(places))
+        good = lie_on_field(places)
+        if own is not None:
+            good &= own.inside(places)
         return np.asarray(good[1:, 1:] & good[1:, :-1] & good[:-1, 1:] & good[:-1, :-1])
 
     @property

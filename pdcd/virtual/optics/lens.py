@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
-from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff
+from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff, lie_on_field
 
 _REACH = 4.0
 """Standard deviations after which the blur is cut off."""
-_EDGE = 1e-9
-"""Places no further than this beyond the field count as on its edge."""
+_Inside = Callable[[Floats], NDArray[np.bool_]]
 _POINTS = 8
 """Points along either axis of a quad that measure how much of it lies in the field."""
 
@@ -42,24 +41,20 @@ class Lens:
     def share(self) -> Floats | None:
         """Share of each quad's light, (rows, cols), that comes from the field, 0 to 1; None without
         a blur: then quads that lie in the field see nothing else."""
-        return self.share_of(_in_unit)
+        return self.share_of(lie_on_field)
 
-    def share_of(self, inside_of: Callable[[Floats], NDArray[np.bool_]]) -> Floats | None:
+    def share_of(self, inside_of: _Inside) -> Floats | None:
         """The same for a part of the field: `inside_of` says which points (..., 2) of the field lie
         in that part."""
         if not self._setting.true.camera.blur_quads:
             return None
-
-        def lies(x: Floats, y: Floats) -> NDArray[np.bool_]:
-            return inside_of(self._setting.camera.to_field(np.stack(np.meshgrid(x, y), axis=-1)))
-
         rows, cols = self._setting.frame
-        at = lies(np.arange(cols + 1.0), np.arange(rows + 1.0))
+        at = self._lie(inside_of, np.arange(cols + 1.0), np.arange(rows + 1.0))
         corners = at[1:, 1:].astype(np.int8) + at[:-1, 1:] + at[1:, :-1] + at[:-1, :-1]
         inside = (corners == 4).astype(np.float64)
         middles = (np.arange(_POINTS) + 0.5) / _POINTS
         for row, col in np.argwhere((corners > 0) & (corners < 4)):
-            inside[row, col] = lies(col + middles, row + middles).mean()
+            inside[row, col] = self._lie(inside_of, col + middles, row + middles).mean()
         return self._blurred(inside[..., None])[..., 0]
 
     def _blurred(self, image: Floats) -> Floats:
@@ -71,18 +66,12 @@ class Lens:
         reach = int(_REACH * blur + 0.5)
         wide = np.pad(image, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
         x, y = (np.arange(-reach, size + reach, dtype=np.float64) + 0.5 for size in (cols, rows))
-        beyond = ~self._in_field(x, y)
+        beyond = ~self._lie(lie_on_field, x, y)
         beyond[reach : reach + rows, reach : reach + cols] = False
         wide[beyond] = 0.0
         found = gaussian_filter(wide, (blur, blur, 0.0), mode="constant", truncate=_REACH)
         return np.asarray(found[reach : reach + rows, reach : reach + cols])
 
-    def _in_field(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
-        """Whether places of the frame lie in the field, (y, x)."""
-        return _in_unit(self._setting.camera.to_field(np.stack(np.meshgrid(x, y), axis=-1)))
-
-
-def _in_unit(places: Floats) -> NDArray[np.bool_]:
-    """Which points (..., 2) lie in the field."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(((places >= -_EDGE) & (places <= 1.0 + _EDGE)).all(axis=-1))
+    def _lie(self, inside_of: _Inside, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        """Which places of the frame lie in a part of the field, (y, x)."""
+        return inside_of(self._setting.camera.to_field(np.stack(np.meshgrid(x, y), axis=-1)))

@@ -13,20 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
-from pdcd.virtual.optics.setting import OpticalSetting
+from pdcd.virtual.optics.setting import OpticalSetting, lie_on_field
 from pdcd.virtual.optics.sights import NO_SITE, CellGrid
 
 CLOSED = 0
 """The number of places whose light does not get to the camera; cell n of the codes is n + 1."""
-FIELD_EDGE = 1e-9
-"""Places no further than this beyond the field count as on its edge."""
 
 
 @dataclass(frozen=True)
 class OwnCells(CellGrid):
     """The cells of codes, used as a mask that lets nothing pass beside their field."""
 
-    setting: OpticalSetting | None = field(default=None, compare=False, repr=False)
+    setting: OpticalSetting = field(compare=False, repr=False)
 
     @classmethod
     def of(cls, setting: OpticalSetting, grid: tuple[int, int]) -> OwnCells:
@@ -35,8 +33,6 @@ class OwnCells(CellGrid):
 
     def on_field(self, points: Floats) -> Floats:
         """Points (..., 2) of the scene's field -> of the field that the codes fill."""
-        if self.setting is None:  # the cells are the scene's own
-            return points
         return self.setting.drawn.projector.map.to_field(self.setting.on_projector(points))
 
     def before(self, seen: Floats, lit: Floats) -> NDArray[np.int32]:
@@ -50,9 +46,7 @@ class OwnCells(CellGrid):
 
     def inside(self, points: Floats) -> NDArray[np.bool_]:
         """Which points (..., 2) of the scene's field lie in that of the codes."""
-        own = self.on_field(points)
-        with np.errstate(invalid="ignore"):
-            return np.asarray(((own >= -FIELD_EDGE) & (own <= 1.0 + FIELD_EDGE)).all(axis=-1))
+        return lie_on_field(self.on_field(points))
 
 
 def find_own_cells(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
 from pdcd.bench.placed import Panels, make_camera_map, panels_of
@@ -22,6 +23,14 @@ _MOST_SLANTED, _FEWEST_SLANTED = 2**23, 12
 """Most slanted samples of a photo, and fewest along an axis of a quad. In larger photos a quad gets
 fewer samples; below the fewest it gets an upright raster, where many samples see the same and
 photos of codes are quick."""
+_EDGE = 1e-9
+"""Places no further than this beyond the field count as on its edge."""
+
+
+def lie_on_field(places: Floats) -> NDArray[np.bool_]:
+    """Which points (..., 2) of a field lie on it; nan lies nowhere."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(((places >= -_EDGE) & (places <= 1.0 + _EDGE)).all(axis=-1))
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.virtual.scene.displaced import make_displaced_effects
-from pdcd.virtual.scene.effects import Array, Effect, LowRankEffect
+from pdcd.virtual.scene.effects import COLOUR_NAMES, Array, Effect, LowRankEffect
 from pdcd.virtual.scene.radiosity import limit_kernel, solve_exchange
 from pdcd.virtual.scene.scene import Scene
 from pdcd.virtual.scene.solids import Rectangle, find_clear_lines, find_first_hit
@@ -138,7 +138,7 @@ def make_surface_effects(
     # Flux of a projector cell: that of a facing white cell at the plane.
     flux = FIELD_WIDTH * FIELD_HEIGHT / (rig.grid[0] * rig.grid[1])
     effects = []
-    for channel, colour in enumerate(("red", "green", "blue")):
+    for channel, colour in enumerate(COLOUR_NAMES):
         table = np.array([one.albedo[channel] for one in rig.surfaces] + [0.0])
         exchange = solve_exchange(kernel, patches.area, table[patches.surface])
         leaving = flux * table[rig.lit[0]][:, None] * onto

@@ -27,6 +27,8 @@ from pdcd.virtual.scene.effects import Array, Cells, TintedEffect, sum_products
 
 _PATCHES = (12, 16)
 """Patches along rows and columns, at most; light between matte surfaces is smooth."""
+_STEPS = 8
+"""Places between two points at which a line is compared with the surface."""
 _STEEPEST = 0.2
 """Smallest cosine taken for the slope of a surface: a step between two cells is no real slope."""
 
@@ -231,17 +233,17 @@ def limit_kernel(kernel: Array, area: Array) -> Array:
     return scaled
 
 
-def find_clear_pairs(relief: Relief, start: Array, end: Array, steps: int = 8) -> NDArray[np.bool_]:
+def find_clear_pairs(relief: Relief, start: Array, end: Array) -> NDArray[np.bool_]:
     """Return whether the surface leaves the line from `start` to `end` free, for s pairs, (s,).
 
     `start`, `end` (s, 3) are points of the surface; the line is compared with the surface, linear
-    between cells, at `steps` places.
+    between cells, at `_STEPS` places.
     """
     pitch = np.asarray(relief.pitch)
     # A line that just grazes the surface counts as clear: it is seldom wholly hidden.
     slack = 0.1 * float(pitch.max())
     clear = np.ones(len(start), dtype=np.bool_)
-    for part in (np.arange(steps) + 0.5) / steps:
+    for part in (np.arange(_STEPS) + 0.5) / _STEPS:
         line = start + part * (end - start)
         ground = _bilinear(relief.height, line[:, 1] / pitch[0], line[:, 0] / pitch[1])
         clear &= ground <= line[:, 2] + slack

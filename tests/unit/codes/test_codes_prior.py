@@ -107,7 +107,8 @@ def test_links_become_symmetric_by_the_stronger_way() -> None:
     ("links", "words"),
     [
         (np.zeros((5, 5)), "6 cells"), (np.zeros((5, 6)), "6 cells"),
-        (-np.ones((6, 6)), "negative"), (np.full((6, 6), np.nan), "not finite"), (np.full((6, 6), np.inf), "not finite"),
+        (-np.ones((6, 6)), "negative"), (np.full((6, 6), np.nan), "not finite"),
+        (np.full((6, 6), np.inf), "not finite"),
     ],
 )  # fmt: skip
 def test_unfit_links_are_refused(links: Any, words: str) -> None:

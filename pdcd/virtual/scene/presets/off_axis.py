@@ -37,14 +37,12 @@ def box_before_wall(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """A red box in front of a grey wall (`baseline`, `disparity`: of the box's front, in cells;
     `painted`: true for boards and letters on it, and for bricks)."""
     numbers = {name: value for name, value in options.items() if name != "painted"}
-    baseline = _number("off-axis-box", numbers, ("baseline", "disparity"), "baseline", _BASELINE)
-    disparity = _number("off-axis-box", numbers, ("baseline", "disparity"), "disparity", 0.0)
+    baseline, disparity = _numbers("off-axis-box", numbers, baseline=_BASELINE, disparity=0.0)
     painted = options.get("painted", False)
     if not isinstance(painted, bool):
         raise ConfigError(
             f"[scene] options of 'off-axis-box': painted = {painted!r}", hint="true or false"
         )
-    _check_baseline(baseline)
     rig = OffAxisRig(grid, baseline, ())
     least, most = rig.disparity_cells(_FAR - _DEEP), rig.disparity_cells(0.5 * PLANE)
     if not least < disparity <= most:
@@ -64,7 +62,7 @@ def box_before_wall(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
 
 def wedge(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Two walls that meet at a right angle, open to the rig, lighting each other (`baseline`)."""
-    baseline = _baseline("off-axis-wedge", options)
+    (baseline,) = _numbers("off-axis-wedge", options, baseline=_BASELINE)
     left = Rectangle((-0.75, -0.6, 1.7), (1.0, 0.0, 1.0), (0.0, 1.2, 0.0), _RED)
     right = Rectangle((0.25, -0.6, 2.7), (1.0, 0.0, -1.0), (0.0, 1.2, 0.0), _WHITE)
     surfaces = (left, right, _room(baseline)[0])
@@ -73,7 +71,7 @@ def wedge(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
 
 def shelf(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Boxes at four depths in front of a wall (`baseline`)."""
-    baseline = _baseline("off-axis-shelf", options)
+    (baseline,) = _numbers("off-axis-shelf", options, baseline=_BASELINE)
     places = ((-0.45, _RED), (-0.05, _WHITE), (0.35, _GREEN), (0.85, _BLUE))
     boxes = [
         face
@@ -93,30 +91,19 @@ def _room(baseline: float) -> tuple[Rectangle, Rectangle]:
     return back, floor
 
 
-def _baseline(kind: str, options: Mapping[str, Any]) -> float:
-    baseline = _number(kind, options, ("baseline",), "baseline", _BASELINE)
-    _check_baseline(baseline)
-    return baseline
-
-
-def _check_baseline(baseline: float) -> None:
-    if not 0.0 < baseline <= 1.0:
+def _numbers(kind: str, options: Mapping[str, Any], **usual: float) -> list[float]:
+    """The values of a preset's options, in the order of `usual`, its own values of them. Raises
+    ConfigError for options that the preset does not know, and for values that cannot be."""
+    values = {**usual, **options}
+    for name, value in values.items():
+        if name not in usual or isinstance(value, bool) or not isinstance(value, int | float):
+            raise ConfigError(
+                f"[scene] options of {kind!r}: {name} = {value!r}",
+                hint=f"known: {', '.join(usual)}, a number each",
+            )
+    if not 0.0 < values["baseline"] <= 1.0:
         raise ConfigError(
-            f"[scene] options: baseline is {baseline:g}",
+            f"[scene] options: baseline is {values['baseline']:g}",
             hint="above 0 and at most 1, in heights of the field",
         )
-
-
-def _number(
-    kind: str, options: Mapping[str, Any], known: tuple[str, ...], name: str, usual: float
-) -> float:
-    """The value of one option. Raises ConfigError for options that the preset does not know, or for
-    a value that is not a number."""
-    unknown = sorted(set(options) - set(known))
-    value = options.get(name, usual)
-    if unknown or isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(
-            f"[scene] options of {kind!r}: {', '.join(unknown) or f'{name} = {value!r}'}",
-            hint=f"known: {', '.join(known)}, a number each",
-        )
-    return float(value)
+    return [float(value) for value in values.values()]

@@ -94,17 +94,31 @@ def test_a_bench_is_made_once_for_whoever_asks_while_it_is_held() -> None:
 )
 def test_a_bench_of_pixels_is_for_what_cells_cannot_say(more: dict[str, Any]) -> None:
     assert choose_optics(config_of(), scene_of()) is None
-    assert choose_optics(config_of(camera=CameraConfig(quads_per_cell=3)), scene_of()) is None
     assert choose_optics(config_of(**more), scene_of()) is not None
 
 
-def test_detail_needs_a_camera_that_resolves_it(tmp_path: Path) -> None:
-    detailed = scene_of(np.random.default_rng(0).random((9, 9, 3)) + 0.1)
-    assert choose_optics(config_of(), detailed) is None
-    assert choose_optics(config_of(camera=CameraConfig(quads_per_cell=2)), detailed) is not None
+def test_a_bench_with_a_truth_is_one_of_pixels(tmp_path: Path) -> None:
     truth = tmp_path / "truth.toml"
     truth.touch()
     assert choose_optics(config_of(bench=BenchConfig(truth=str(truth))), scene_of()) is not None
+
+
+@pytest.mark.parametrize(
+    ("quads", "cut", "textured", "needed"),
+    [
+        (1, True, True, False), (2, False, False, False), (2, True, False, True),
+        (2, False, True, True),
+    ],
+)  # fmt: skip
+def test_finer_quads_are_needed_where_there_is_something_finer(
+    quads: int, cut: bool, textured: bool, needed: bool
+) -> None:
+    texture = np.random.default_rng(0).random((6, 8, 3)) + 0.1 if textured else None
+    config = config_of(camera=CameraConfig(quads_per_cell=quads))
+    bench = choose_optics(config, scene_of(texture), ("quarter" if cut else "whole",))
+    assert (bench is not None) is needed
+    if bench is not None:
+        assert bench.frame == (6, 8)
 
 
 def test_on_squared_paper_it_is_the_bench_of_cells() -> None:

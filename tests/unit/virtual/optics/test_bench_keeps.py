@@ -1,8 +1,8 @@
-"""What a bench keeps from photo to photo, what it works out anew, and which way it takes."""
+"""Photos by tables of pairs of histories or of sites: the same sum of effects, ambient light and
+colours, whichever way a bench takes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,42 +11,34 @@ import pytest
 
 from pdcd.bench.tables import BenchConfig, CameraConfig
 from pdcd.panels.frames import PIXEL_WINDOW, Frames
+from pdcd.panels.placing import Placing
 from pdcd.virtual.optics import bench as benches
+from pdcd.virtual.optics import products, render
 from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.optics.products import PanelExposure
 from pdcd.virtual.scene.effects import DenseEffect, make_direct_effects, make_tint
 from pdcd.virtual.scene.scene import Scene
-from tests.unit.virtual.optics.test_bench import GRID, PX, config_of, exposure_of, scene_of, white
+from tests.unit.virtual.optics.test_bench import (
+    GRID,
+    PX,
+    coded,
+    config_of,
+    exposure_of,
+    scene_of,
+    white,
+)
+
+RNG = np.random.default_rng(6)
 
 
 def bench_of(scene: Scene, **more: Any) -> OpticalBench:
     return OpticalBench(config_of(camera=CameraConfig(frame_quads=(8, 6)), **more), scene, (6, 8))
 
 
-@pytest.fixture
-def counted(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any, str], list[int]]:
-    """Counts the calls of a function or method from now on."""
-
-    def count(owner: Any, name: str) -> list[int]:
-        calls: list[int] = []
-        real = getattr(owner, name)
-
-        def noted(*args: Any, **named: Any) -> Any:
-            calls.append(1)
-            return real(*args, **named)
-
-        monkeypatch.setattr(owner, name, noted)
-        return calls
-
-    return count
-
-
-def of_pixels(grey: bool = False) -> Frames:
-    """Stripes across, and stripes down; or as many histories as pixels."""
-    rng = np.random.default_rng(2)
+def of_pixels() -> Frames:
+    """Stripes across, and stripes down."""
     x, y = np.meshgrid(np.arange(PX[0]), np.arange(PX[1]))
     stripes = np.stack([(x // 3) % 2, (y // 2) % 2]).reshape(2, -1).astype(np.float32)
-    if grey:
-        stripes = rng.random(stripes.shape).astype(np.float32)
     index = np.array([0, 1, 1], np.int32)
     return Frames(
         stripes, stripes, index, index[::-1].copy(), np.zeros(3, np.uint8), index,
@@ -54,28 +46,13 @@ def of_pixels(grey: bool = False) -> Frames:
     )  # fmt: skip
 
 
-def test_a_table_of_all_pairs_is_the_same_photo(
-    monkeypatch: pytest.MonkeyPatch, counted: Callable[[Any, str], list[int]]
-) -> None:
-    """Made where it is no larger than it may be: here four histories of either panel, black among
-    them, and twelve cells that send light to others."""
-    bench, exposure = bench_of(scene_of()), exposure_of(of_pixels())
-    made = counted(benches, "render_by_lookup")
-    found = bench.photo(exposure)
-    assert len(made) == 1 and found.max() > 1.5 * found.min() > 0.0
-    size = next(n for n in range(12, 99, 12) if _fits(bench, exposure, n, monkeypatch, made))
-    assert 36 <= size <= 72 and not _fits(bench, exposure, size - 1, monkeypatch, made)
-    other = bench_of(scene_of()).photo(exposure)
-    np.testing.assert_allclose(other, found, rtol=1e-10)
-
-
-def _fits(
-    bench: OpticalBench, exposure: Any, size: int, patch: pytest.MonkeyPatch, made: list[int]
-) -> bool:
-    patch.setattr(benches, "MOST_PAIRS", size)
-    made.clear()
-    bench.photo(exposure)
-    return bool(made)
+def test_a_table_of_all_pairs_is_the_same_photo(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here of four histories of either panel, and of twelve cells that send light to others."""
+    exposure = exposure_of(of_pixels())
+    found = bench_of(scene_of()).photo(exposure)
+    monkeypatch.setattr(benches, "MOST_PAIRS", 0)
+    np.testing.assert_allclose(bench_of(scene_of()).photo(exposure), found, rtol=1e-10)
+    assert found.max() > 1.5 * found.min() > 0.0
 
 
 @pytest.mark.parametrize("frames", [white(), of_pixels()])
@@ -120,3 +97,50 @@ def test_light_of_one_colour_is_looked_up_once_and_of_three_thrice(grey: bool) -
     np.testing.assert_allclose(sent[..., 1], 0.5 * sent[..., 0], rtol=1e-9)
     np.testing.assert_allclose(sent[..., 2], 0.0, atol=1e-12)
     assert sent[..., 0].min() > 0.0
+
+
+def test_a_covered_lens_lets_nothing_out_and_ambient_light_in() -> None:
+    scene = scene_of()
+    lights = RNG.random((12, 3))
+    dim = Scene("s", scene.grid, scene.effects, ambient=lights)
+    frames = white()
+    given = exposure_of(frames)
+    covered = PanelExposure(frames, given.log, given.open_ns, given.close_ns, covered=True)
+    for one, ambient in ((scene, 0.0 * lights), (dim, lights)):
+        bench = bench_of(one)
+        found = bench.photo(covered) / (given.log.end_ns[0] - given.log.primal_ns[0]) * 1e9
+        quads = ambient.reshape(3, 4, 3).repeat(2, axis=0).repeat(2, axis=1)
+        np.testing.assert_allclose(found, quads, atol=1e-9)
+        assert bench.photo(given).min() > found.min()
+
+
+@pytest.mark.parametrize("effects", [0, 1, 3, 4, 6])
+@pytest.mark.parametrize("room", [48 * 2**20, 1])
+def test_light_of_any_number_of_effects_comes_together(
+    effects: int, room: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A photo is the sum of those of its effects, however much is worked on at a time."""
+    direct = make_direct_effects(RNG.random((12, 3)))
+    more = [
+        DenseEffect(f"d{n}", RNG.random((12, 12)), tint=make_tint(*RNG.random(3)))
+        for n in range(effects)
+    ]
+    exposure = exposure_of(coded(np.random.default_rng(1)))
+    parts = bench_of(Scene("s", (3, 4), tuple(direct))).photo(exposure)
+    for effect in more:
+        parts = parts + bench_of(Scene("s", (3, 4), (effect,))).photo(exposure)
+    monkeypatch.setattr(products, "SPAN_CHUNK_BYTES", room)
+    monkeypatch.setattr(render, "WEIGHT_CACHE_BYTES", room)
+    whole = bench_of(Scene("s", (3, 4), (*direct, *more)))
+    found = whole.photo(exposure)
+    np.testing.assert_allclose(found, parts, rtol=1e-10)
+    np.testing.assert_array_equal(whole.photo(exposure), found)
+
+
+@pytest.mark.parametrize(("beyond", "inside"), [(0.5e-9, True), (1.5e-9, False)])
+def test_quads_lie_inside_up_to_the_border_by_rounding(beyond: float, inside: bool) -> None:
+    larger = CameraConfig(frame_quads=(8, 6), place=Placing(scale=1.0 + 2.0 * beyond))
+    found = OpticalBench(config_of(camera=larger), scene_of(), (6, 8)).inside
+    assert found[1:-1, 1:-1].all()
+    for edge in (found[0], found[-1], found[:, 0], found[:, -1]):
+        assert edge.all() == inside and edge.any() == inside

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
+from pdcd.bench.tables import CameraConfig, PanelConfig
 from pdcd.panels.placing import Placing
 from pdcd.pictures.truth import compute_true_answer
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
@@ -19,24 +18,21 @@ from pdcd.recipes.make import make_recipe
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.scene.effects import DenseEffect, make_direct_effects
 from pdcd.virtual.scene.scene import Scene
+from tests.unit.virtual.optics.test_bench import GRID, PX, config_of
 
 Floats = NDArray[np.float64]
 
-GRID, PX, N = (3, 4), (48, 36), 12
+N = 12
 FRAME = (11, 15)
 """Rows and columns of quads: no whole number to a cell."""
 
 
-def bench_of(scene: Scene, **camera: Any) -> OpticalBench:
-    panel = PanelConfig(size_px=PX)
-    config = msgspec.structs.replace(
-        Config(),
-        projector=panel,
-        mask=panel,
-        scene=SceneConfig(grid=GRID),
-        camera=CameraConfig(frame_quads=(FRAME[1], FRAME[0]), **camera),
-    )
-    return OpticalBench(config, scene, FRAME)
+def bench_of(
+    scene: Scene, field_px: tuple[int, int, int, int] | None = None, **camera: Any
+) -> OpticalBench:
+    projector = PanelConfig(size_px=PX, field_px=field_px)
+    given = CameraConfig(frame_quads=(FRAME[1], FRAME[0]), **camera)
+    return OpticalBench(config_of(projector=projector, camera=given), scene, FRAME)
 
 
 def scene_of(rng: np.random.Generator) -> tuple[Scene, Floats]:
@@ -62,6 +58,48 @@ def reflected(y: Floats, cells: Floats, texture: Floats) -> Floats:
             )
             found += near * smooth[min(max(r, 0), rows - 1), min(max(c, 0), cols - 1)]
     return np.asarray(found * texture[int(y[1] * height), int(y[0] * width)])
+
+
+FIELD = (6, 3, 36, 30)
+"""The part of the projector's picture, in its pixels, that codes fill."""
+
+
+def codes_lit(grid: tuple[int, int], field: tuple[int, int, int, int]) -> Floats:
+    """Share of each of the scene's cells that each cell of codes lights, (cells, N), by pixels."""
+    (rows, cols), (left, top, width, height) = grid, field
+    found = np.zeros((rows * cols, N))
+    for y, x in np.ndindex(height, width):
+        own = int((y + 0.5) * rows / height) * cols + int((x + 0.5) * cols / width)
+        there = (top + y) * GRID[0] // PX[1] * GRID[1] + (left + x) * GRID[1] // PX[0]
+        found[own, there] += N / (PX[0] * PX[1])
+    return found
+
+
+def added_up(
+    bench: OpticalBench, transport: Floats, weights: Floats, grid: tuple[int, int],
+    field: tuple[int, int, int, int],
+) -> Floats:  # fmt: skip
+    """What is wanted by weights (cells, cells) of codes of this grid on a part of the picture."""
+    scene, samples = bench.scene, bench._setting.samples
+    direct = np.stack([e.diagonal()[:, None] * e.tint for e in scene.effects[:3]]).sum(axis=0)
+    (rows, cols), lit = grid, codes_lit(grid, field)
+    wanted = np.zeros((*FRAME, 3))
+    for row, col in np.ndindex(*FRAME):
+        for a, b in np.ndindex(samples, samples):
+            y = np.array(
+                [(col + (b + 0.5) / samples) / FRAME[1], (row + (a + 0.5) / samples) / FRAME[0]]
+            )
+            u = (y * PX - field[:2]) / field[2:]
+            if not ((u >= 0.0) & (u < 1.0)).all():
+                continue  # the mask is closed there
+            own = int(u[1] * rows) * cols + int(u[0] * cols)
+            sent = weights[own, own] * direct + (transport @ (weights[own] @ lit))[:, None]
+            if scene.texture is None:
+                seen = sent[int(y[1] * GRID[0]) * GRID[1] + int(y[0] * GRID[1])]
+            else:
+                seen = reflected(y, sent, scene.texture)
+            wanted[row, col] += seen / samples**2
+    return wanted
 
 
 LIGHT, REGION = np.random.default_rng(5).random((2, *GRID))
@@ -93,39 +131,11 @@ def test_what_is_wanted_at_a_place_is_the_row_of_the_cell_it_lies_in(name: str) 
     target, weights = MEANT[name]
     recipe = make_recipe(target, CaptureScheme())
     found = bench.wanted(lambda part: compute_true_answer(part, recipe), recipe.wanted)
-    direct = np.stack([e.diagonal()[:, None] * e.tint for e in scene.effects[:3]]).sum(axis=0)
-    texture, samples = scene.texture, bench._setting.samples
-    assert texture is not None
-    wanted = np.zeros((*FRAME, 3))
-    for row, col in np.ndindex(*FRAME):
-        for a, b in np.ndindex(samples, samples):
-            y = np.array(
-                [(col + (b + 0.5) / samples) / FRAME[1], (row + (a + 0.5) / samples) / FRAME[0]]
-            )
-            lies_in = int(y[1] * GRID[0]) * GRID[1] + int(y[0] * GRID[1])
-            light = weights[lies_in]
-            cells = light[lies_in] * direct + (transport @ light)[:, None]
-            wanted[row, col] += reflected(y, cells, texture) / samples**2
+    wanted = added_up(bench, transport, weights, GRID, (0, 0, *PX))
     np.testing.assert_allclose(found, wanted, rtol=1e-7, atol=1e-9)  # shares in single precision
     # Cell by cell, what is wanted of the next cell counts as wanted here.
     before = bench.wanted(lambda part: compute_true_answer(part, recipe))
     assert float(np.abs(before - wanted).max()) > 0.03 * float(wanted.max())
-
-
-FIELD = (6, 3, 36, 30)
-"""The part of the projector's picture, in its pixels, that codes fill."""
-
-
-def codes_lit(grid: tuple[int, int]) -> Floats:
-    """Share of each of the scene's cells that each cell of codes lights, (cells, N), by pixels."""
-    rows, cols = grid
-    left, top, width, height = FIELD
-    found = np.zeros((rows * cols, N))
-    for y, x in np.ndindex(height, width):
-        own = int((y + 0.5) * rows / height) * cols + int((x + 0.5) * cols / width)
-        there = (top + y) * GRID[0] // PX[1] * GRID[1] + (left + x) * GRID[1] // PX[0]
-        found[own, there] += N / (PX[0] * PX[1])
-    return found
 
 
 @pytest.mark.parametrize(
@@ -139,10 +149,8 @@ def test_codes_on_a_part_of_the_picture_mean_their_own_cells(
     scene, transport = scene_of(np.random.default_rng(3))
     if not textured:
         scene = Scene("s", GRID, scene.effects)
-    config = bench_of(scene)._setting.believed
-    projector = msgspec.structs.replace(config.projector, field_px=FIELD)
-    bench = OpticalBench(msgspec.structs.replace(config, projector=projector), scene, FRAME)
-    cells, (rows, cols), (left, top, width, height) = grid[0] * grid[1], grid, FIELD
+    bench = bench_of(scene, FIELD)
+    cells = grid[0] * grid[1]
     light = np.random.default_rng(9).random(cells)
     weights = {
         "indirect": 1.0 - np.eye(cells), "direct": np.eye(cells),
@@ -151,24 +159,7 @@ def test_codes_on_a_part_of_the_picture_mean_their_own_cells(
     arrays = {"illumination": light} if "lit" in name else {}
     recipe = make_recipe(Target(Goal(name=name.split(",")[0]), grid, arrays), CaptureScheme())  # type: ignore[arg-type]
     found = bench.wanted(lambda part: compute_true_answer(part, recipe), recipe.wanted, grid=grid)
-    direct = np.stack([e.diagonal()[:, None] * e.tint for e in scene.effects[:3]]).sum(axis=0)
-    lit, samples = codes_lit(grid), bench._setting.samples
-    wanted = np.zeros((*FRAME, 3))
-    for row, col in np.ndindex(*FRAME):
-        for a, b in np.ndindex(samples, samples):
-            y = np.array(
-                [(col + (b + 0.5) / samples) / FRAME[1], (row + (a + 0.5) / samples) / FRAME[0]]
-            )
-            u = (y * PX - (left, top)) / (width, height)
-            if not ((u >= 0.0) & (u < 1.0)).all():
-                continue  # the mask is closed there
-            own = int(u[1] * rows) * cols + int(u[0] * cols)
-            sent = weights[own, own] * direct + (transport @ (weights[own] @ lit))[:, None]
-            if scene.texture is None:
-                seen = sent[int(y[1] * GRID[0]) * GRID[1] + int(y[0] * GRID[1])]
-            else:
-                seen = reflected(y, sent, scene.texture)
-            wanted[row, col] += seen / samples**2
+    wanted = added_up(bench, transport, weights, grid, FIELD)
     np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-8)
     inside = bench.inside_of(grid)
     assert 0 < inside.sum() < bench.inside.sum()

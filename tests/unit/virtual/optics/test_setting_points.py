@@ -8,21 +8,18 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
+from pdcd.bench.tables import CameraConfig, PanelConfig
 from pdcd.bench.truth import BenchTruth, TrueCamera, TruePanel, TrueScene
 from pdcd.errors import ConfigError
 from pdcd.panels.placing import Placing
 from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff
-
-PX = (48, 36)
+from tests.unit.virtual.optics.test_bench import PX, config_of
 
 
 def setting_of(
     frame: tuple[int, int] = (3, 4), truth: BenchTruth | None = None, **more: Any
 ) -> OpticalSetting:
-    panel = PanelConfig(size_px=PX)
-    given = {"projector": panel, "mask": panel, "scene": SceneConfig(grid=(3, 4)), **more}
-    return OpticalSetting(msgspec.structs.replace(Config(), **given), truth or BenchTruth(), frame)
+    return OpticalSetting(config_of(**more), truth or BenchTruth(), frame)
 
 
 def test_light_falls_by_the_square_of_the_radius() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -22,13 +21,14 @@ from pdcd.virtual.optics.sights import (
     sample_pixels,
 )
 from pdcd.virtual.optics.sites import PanelSites, SiteKind
+from tests.unit.virtual.optics.test_bench import config_of
 
 PANEL = PanelConfig(size_px=(12, 9))
 
 
-def setting_of(truth: BenchTruth | None = None, **more: Any) -> OpticalSetting:
-    given = {"projector": PANEL, "mask": PANEL, "scene": SceneConfig(grid=(3, 4)), **more}
-    return OpticalSetting(msgspec.structs.replace(Config(), **given), truth or BenchTruth(), (4, 5))
+def setting_of(**more: Any) -> OpticalSetting:
+    config = config_of(**{"projector": PANEL, "mask": PANEL, **more})
+    return OpticalSetting(config, BenchTruth(), (4, 5))
 
 
 @pytest.mark.parametrize("grid", [(2, 3), (1, 1), (4, 2)])
@@ -53,25 +53,6 @@ def test_between_the_centres_of_cells_values_lie_on_lines(grid: tuple[int, int])
     )
     np.testing.assert_allclose(found, (1.0 - part) * upper + part * lower, atol=1e-12)
     np.testing.assert_allclose(shares.sum(axis=1), 1.0)
-
-
-@pytest.mark.parametrize("samples", [1 << 16, 64, 1])
-def test_samples_are_looked_at_chunk_by_chunk(
-    samples: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Whole rows of quads, at least one, and all of them in turn; a row has 45 samples here."""
-    setting = setting_of()
-    assert setting.samples == 3
-    whole = CameraSamples(setting)
-    monkeypatch.setattr(sights_module, "CHUNK_SAMPLES", samples)
-    looks = CameraSamples(setting)
-    chunks = list(looks.chunks())
-    step = 4 if samples == 1 << 16 else max(1, samples // (5 * setting.samples**2))
-    assert chunks == [(row, min(row + step, 4)) for row in range(0, 4, step)]
-    for read in ("on_field", "on_mask"):
-        parts = [getattr(looks, read)(chunk) for chunk in chunks]
-        for axis, wanted in enumerate(getattr(whole, read)((0, 4))):
-            np.testing.assert_array_equal(np.concatenate([part[axis] for part in parts]), wanted)
 
 
 def test_scattered_samples_lie_evenly_and_each_in_its_share_of_a_quad() -> None:
@@ -133,3 +114,28 @@ def test_beside_the_field_there_is_no_cell(x: float, y: float, smooth: bool) -> 
     cells = CellGrid((2, 3), smooth=smooth)
     found = cells.at(np.array([0.1, x, 0.9]), np.array([0.1, y, 0.9]))
     assert found[1] == NO_SITE and (found[[0, 2]] >= 0).all()
+
+
+@pytest.mark.parametrize("flip", ["none", "horizontal", "vertical"])
+@pytest.mark.parametrize("frame", [(113, 150), (96, 128), (90, 100)])
+def test_samples_on_the_border_of_a_cell_fall_to_one_side_on_both_panels(
+    frame: tuple[int, int], flip: str
+) -> None:
+    """Where panels and camera lie exactly on each other, samples come to lie exactly on borders;
+    rounding must not give one sample the mask of one cell and the light of another."""
+    place = Placing(flip=flip)  # type: ignore[arg-type]
+    config = Config(
+        projector=PanelConfig(size_px=(1024, 768)),
+        mask=PanelConfig(size_px=(1600, 1200)),
+        camera=CameraConfig(place=place, frame_quads=(frame[1], frame[0])),
+        scene=SceneConfig(grid=(24, 32)),
+    )
+    looks = CameraSamples(OpticalSetting(config, BenchTruth(), frame))
+    apart = 0
+    for chunk in looks.chunks():
+        on_mask, on_projector = looks.on_mask(chunk), looks.on_projector(chunk, 0)
+        for axis, cells in enumerate((32, 24)):
+            mask = np.floor(on_mask[axis] * cells / (1600, 1200)[axis])
+            lit = np.floor(on_projector[axis] * cells / (1024, 768)[axis])
+            apart += int(np.sum(mask != lit))
+    assert apart == 0

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.tables import Config, PanelConfig, SceneConfig
+from pdcd.bench.tables import PanelConfig, SceneConfig
 from pdcd.bench.truth import BenchTruth, TruePanel
 from pdcd.panels.curve import make_power_curve
 from pdcd.panels.frames import BLACK, PIXEL_WINDOW, WHITE, Frames
@@ -16,52 +15,40 @@ from pdcd.virtual.optics import histories as histories_module
 from pdcd.virtual.optics.histories import Histories
 from pdcd.virtual.optics.setting import OpticalSetting
 from pdcd.virtual.optics.sites import PanelSites, SiteKind
+from tests.unit.virtual.optics.test_bench import config_of
 
 GRID = (2, 3)
 LINEAR = make_power_curve(1.0)
 
 
-def sites_of(
-    window: str = "whole", size: tuple[int, int] = (12, 8), *, mask: bool = False,
-    patterned: bool = True, true: TruePanel | None = None, **panel: Any,
-) -> PanelSites:  # fmt: skip
-    config = msgspec.structs.replace(
-        Config(), projector=PanelConfig(size_px=size), scene=SceneConfig(grid=GRID)
-    )
-    config = msgspec.structs.replace(config, mask=PanelConfig(size_px=size))
-    name = "mask" if mask else "projector"
-    config = msgspec.structs.replace(config, **{name: PanelConfig(size_px=size, **panel)})
+def sites_of(*, mask: bool = False, **panel: Any) -> PanelSites:
+    """The sites of 4 x 2 pixels."""
+    one = PanelConfig(size_px=(4, 2), **panel)
+    config = config_of(projector=one, mask=one, scene=SceneConfig(grid=GRID))
     setting = OpticalSetting(config, BenchTruth(), (4, 4))
+    name = "mask" if mask else "projector"
     view, timed = getattr(setting.drawn, name), getattr(setting.true, name)
-    return PanelSites(view, SiteKind(GRID, window, patterned), true or TruePanel(), timed)
-
-
-def frames_of(
-    window: str, patterns: np.ndarray, index: list[int], shift: list[int] | None = None
-) -> Frames:
-    """The same patterns on both panels."""
-    count, more = len(index), int(window not in ("whole", PIXEL_WINDOW))
-    numbers = np.array(index, np.int32)
-    return Frames(
-        patterns.astype(np.float32), patterns.astype(np.float32), numbers, numbers,
-        np.array(shift or [0] * count, np.uint8), numbers, np.zeros(count, np.bool_), GRID,
-        (GRID[0] + more, GRID[1] + more), window,
-    )  # fmt: skip
+    return PanelSites(view, SiteKind(GRID, PIXEL_WINDOW, True), TruePanel(), timed)
 
 
 def pixel_frames() -> Frames:
-    """Three patterns of 4 x 2 pixels; of the eight pixels three pairs are alike throughout."""
+    """Three patterns of 4 x 2 pixels on both panels; of the eight pixels three pairs are alike
+    throughout."""
     rows = [[0, 1, 1, 0, 0.4, 0.4, 1, 0.2], [1, 0, 0, 1, 0, 0, 1, 1], [0, 0, 0, 0, 0.6, 0.6, 1, 0]]
-    return frames_of(PIXEL_WINDOW, np.array(rows), [0, 1, 2, WHITE, BLACK])
+    patterns, index = np.array(rows, np.float32), np.array([0, 1, 2, WHITE, BLACK], np.int32)
+    return Frames(
+        patterns, patterns, index, index, np.zeros(5, np.uint8), index, np.zeros(5, np.bool_),
+        GRID, GRID, PIXEL_WINDOW,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("mask", [True, False])
-@pytest.mark.parametrize("limit", [1 << 54, 1 << 10, 1])
+@pytest.mark.parametrize("limit", [1 << 54, 1])
 def test_pixels_that_show_the_same_have_one_history(
     mask: bool, limit: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(histories_module, "KEY_LIMIT", limit)
-    sites, frames = sites_of(PIXEL_WINDOW, (4, 2), mask=mask), pixel_frames()
+    sites, frames = sites_of(mask=mask), pixel_frames()
     histories = Histories(sites, frames, mask=mask)
     assert len(histories) == 6  # five kinds of pixels, and black
     groups = [np.flatnonzero(histories.of == one).tolist() for one in range(6)]
@@ -80,7 +67,7 @@ def test_pixels_that_show_the_same_have_one_history(
 
 
 def test_histories_of_late_rows_are_their_own() -> None:
-    sites = sites_of(PIXEL_WINDOW, (4, 2), scan_s=0.001, scan_bands=2)
+    sites = sites_of(scan_s=0.001, scan_bands=2)
     histories = Histories(sites, pixel_frames(), mask=False)
     assert (np.diff(histories.band) >= 0).all() and histories.delay_ns.tolist() == [0, 1_000_000]
     np.testing.assert_array_equal(histories.band[histories.of], sites.band)

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.tables import Config, PanelConfig, SceneConfig
+from pdcd.bench.tables import PanelConfig, SceneConfig
 from pdcd.bench.truth import BenchTruth, TruePanel
 from pdcd.panels.placing import Placing
 from pdcd.virtual.optics import spread as spread_module
 from pdcd.virtual.optics.setting import OpticalSetting
-from pdcd.virtual.optics.sights import sample_pixels
 from pdcd.virtual.optics.spread import LitCellPoints
+from tests.unit.virtual.optics.test_bench import config_of
 
 PX = (320, 240)
 
 
 def lit_cells(grid: tuple[int, int], turn_deg: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Shares of cells by pixels, (rows, cols) each: down and across, summed over the other axis."""
-    panel: Any = {"size_px": PX}
-    config = msgspec.structs.replace(
-        Config(), projector=PanelConfig(**panel), mask=PanelConfig(**panel),
-        scene=SceneConfig(grid=grid),
-    )  # fmt: skip
+    panel = PanelConfig(size_px=PX)
+    config = config_of(projector=panel, mask=panel, scene=SceneConfig(grid=grid))
     truth = BenchTruth(projector=TruePanel(place=Placing(turn_deg=turn_deg)))
     found = LitCellPoints.of(OpticalSetting(config, truth, (240, 320)), grid)
     shares = np.zeros((grid[0] * grid[1], PX[1], PX[0]))
@@ -59,18 +53,3 @@ def test_long_cells_before_a_turned_projector_are_lit_as_many_points_tell(
     for found, wanted in zip(few, lit_cells((1, 24), turn_deg), strict=True):
         assert wanted.max() > 0.0
         np.testing.assert_allclose(found, wanted, atol=1 / 32)
-
-
-def test_long_cells_are_not_looked_at_along_their_short_side_as_often(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Of 64 cells, five pixels wide and 240 high: 64 points across are enough for 480 down."""
-    looked, sample = [0], sample_pixels
-
-    def count(numbers: Any, x: Any, y: Any, *, missing: Any) -> Any:
-        looked[0] += x.size
-        return sample(numbers, x, y, missing=missing)
-
-    monkeypatch.setattr(spread_module, "sample_pixels", count)
-    lit_cells((1, 64))
-    assert looked[0] <= 64 * 64 * 480
