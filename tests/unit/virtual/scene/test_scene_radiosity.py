@@ -122,11 +122,11 @@ def test_a_wall_between_two_points_hides_them() -> None:
     points = relief.points[0]
     pairs = [(0, 4), (1, 3), (0, 1), (0, 2), (2, 4)]
     start, end = (points[[pair[k] for pair in pairs]] for k in (0, 1))
-    clear = find_clear_pairs(relief, start, end, steps=16)
+    clear = find_clear_pairs(relief, start, end)
     np.testing.assert_array_equal(clear, [False, False, True, True, True])
     dip = Relief(np.array([[2.0, 1.0, 0.0, 1.0, 2.0]]), (1.0, 1.0))
     points = dip.points[0]
-    assert find_clear_pairs(dip, points[[0, 1, 0]], points[[4, 3, 2]], steps=16).all()
+    assert find_clear_pairs(dip, points[[0, 1, 0]], points[[4, 3, 2]]).all()
 
 
 def test_a_wall_stops_the_exchange_between_what_it_parts() -> None:

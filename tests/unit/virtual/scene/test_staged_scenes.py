@@ -1,8 +1,7 @@
-"""Scenes that are set up after the paper's figures: sound transport, and what each is about."""
+"""What scenes that are set up after the paper's figures are about: caustics, mirrors, paint."""
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,65 +11,12 @@ from pdcd.bench.tables import SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.displaced import DisplacedEffect
-from pdcd.virtual.scene.effects import Array
-from pdcd.virtual.scene.presets import STAGED
 from pdcd.virtual.scene.presets.mirror_ball import find_ray_ends
 from pdcd.virtual.scene.presets.objects import Tumbler
 from pdcd.virtual.scene.scene import Scene
 from pdcd.virtual.scene.texture import average_cells
-from tests.textured import detailed
 
 GRID = (24, 32)
-CELL_MEANS = {
-    "still-life": (0.05, 0.20),
-    "ball-wax-book": (0.05, 0.10),
-    "chart-in-milk": (0.03, 0.03),
-    "glass-and-balls": (0.03, 0.08),
-}
-"""Most that direct and indirect light in detail may differ from the cells' own, RMS over RMS."""
-
-
-@cache
-def staged(kind: str, grid: tuple[int, int] = GRID) -> Scene:
-    return build_scene(SceneConfig(kind=kind, grid=grid))
-
-
-@pytest.mark.parametrize(
-    "grid", [(1, 1), (7, 1), (12, 16), pytest.param(GRID, marks=pytest.mark.long)]
-)
-@pytest.mark.parametrize("kind", sorted(STAGED))
-def test_no_point_gives_back_more_than_it_gets_and_paths_go_both_ways(
-    kind: str, grid: tuple[int, int]
-) -> None:
-    whole = staged(kind, grid).dense()
-    assert np.isfinite(whole).all() and whole.min() >= 0.0
-    assert whole.sum(axis=1).max() <= 1.0
-    np.testing.assert_allclose(whole, whole.transpose(0, 2, 1), rtol=1e-12, atol=1e-16)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("kind", sorted(STAGED))
-def test_energy_and_texture_at_the_grid_of_the_figures(kind: str) -> None:
-    scene = staged(kind, (48, 64))
-    assert scene.white().max() <= 1.0
-    assert scene.split()[1].mean() > 0.03
-    assert scene.textures is not None
-    x, y = np.meshgrid((np.arange(512) + 0.5) / 512, (np.arange(384) + 0.5) / 384)
-    points = np.stack([x, y], axis=-1)
-    for texture, cells, limit in zip(scene.textures, scene.split(), CELL_MEANS[kind], strict=True):
-        assert texture.shape == (768, 1024, 3) and texture.min() > 0.0
-        light = average_cells(detailed(cells, scene.grid, texture, points), scene.grid)
-        assert np.sqrt(np.mean((light - cells) ** 2) / np.mean(cells**2)) < limit
-
-
-@pytest.mark.parametrize("kind", sorted(STAGED))
-def test_the_seed_makes_the_scene_and_other_options_are_refused(kind: str) -> None:
-    def white(options: dict[str, Any]) -> Array:
-        return build_scene(SceneConfig(kind=kind, grid=(6, 8), options=options)).white()
-
-    assert not np.array_equal(white({"seed": 0}), white({"seed": 1}))
-    with pytest.raises(ConfigError, match="sed"):
-        white({"sed": 1})
 
 
 def test_the_caustic_of_a_round_glass_is_that_of_single_mirrored_rays() -> None:
