@@ -164,15 +164,12 @@ def small_cr2(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_cr2_without_its_end_is_noticed_by_size_and_by_its_directory(small_cr2: Path) -> None:
+def test_a_cr2_without_its_end_is_noticed_by_its_directory(small_cr2: Path) -> None:
     data = small_cr2.read_bytes()
     tags = read_tags(data)
     assert tags is not None and tags.needs_bytes == len(data)
-    small_cr2.write_bytes(data[:-1])
     short = read_tags(data[:-1])
     assert short is not None and short.needs_bytes == len(data)
-    with pytest.raises(DecodeError, match="bytes, not"):
-        read_raw(small_cr2, size_bytes=len(data))
 
 
 # Damaged headers.

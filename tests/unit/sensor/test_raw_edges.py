@@ -46,16 +46,6 @@ def test_what_a_manifest_keeps(masked: bool, said: str) -> None:
     }  # fmt: skip
 
 
-def test_squares_without_a_sound_quad_are_dark_and_saturated() -> None:
-    samples = np.full((4, 4, 4), 15000, np.uint16)
-    saturated = np.zeros((4, 4), np.bool_)
-    saturated[:2, :2] = True
-    raw = frame(samples, saturated).binned(2)
-    assert raw.saturated.tolist() == [[True, False], [False, False]]
-    assert raw.samples[:, 0, 0].tolist() == [0.0] * 4
-    assert (raw.samples[:, 1] == 15000.0).all()
-
-
 @pytest.mark.parametrize(
     ("shape", "active", "masked"),
     [
@@ -112,11 +102,7 @@ def test_a_file_is_checked_before_it_is_decoded(tmp_path: Path, read: Any) -> No
 
 @pytest.mark.parametrize(
     ("fault", "words"),
-    [
-        (RuntimeError("no such form"), "no such form"),
-        (MemoryError(), "MemoryError"),
-        (rawpy.LibRawError(b"Input/output error"), "Input/output error"),
-    ],
+    [(MemoryError(), "MemoryError"), (rawpy.LibRawError(b"Input/output"), "Input/output")],
 )
 def test_what_the_decoder_raises_is_one_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: Exception, words: str
@@ -130,22 +116,14 @@ def test_what_the_decoder_raises_is_one_error(
         read_raw(tmp_path / "a.dng")
 
 
-def bordered(path: Path, values: list[int], columns: int = 16) -> RawFrame:
-    """A border of 16 rows whose samples of each colour are these, in turn."""
-    image = np.random.default_rng(0).integers(600, 14000, (48, 64)).astype(np.uint16)
-    for row in range(2):
-        for column in range(2):
-            part = image[row:16:2, column:columns:2]
-            part[...] = np.resize(values, part.shape)
-    write_masked_dng(path, image, active=(0, 16, 48, 64), masked=(0, 0, 16, columns))
-    return read_raw(path)
-
-
 @pytest.mark.parametrize(("columns", "masked"), [(16, True), (15, False), (14, False)])
 def test_black_is_taken_from_64_samples_of_each_colour(
     tmp_path: Path, columns: int, masked: bool
 ) -> None:
-    raw = bordered(tmp_path / "a.dng", [700], columns)
+    image = np.random.default_rng(0).integers(600, 14000, (48, 64)).astype(np.uint16)
+    image[:16, :columns] = 700
+    write_masked_dng(tmp_path / "a.dng", image, active=(0, 16, 48, 64), masked=(0, 0, 16, columns))
+    raw = read_raw(tmp_path / "a.dng")
     assert raw.masked is masked
     assert (raw.black is raw.libraw_black) is not masked
 
@@ -190,11 +168,8 @@ def test_the_variance_of_a_colour_is_that_of_its_samples(dtype: Any) -> None:
 def test_squares_of_pixels_are_their_means() -> None:
     grey = np.arange(24, dtype=np.float32).reshape(4, 6)
     assert shrink_image(grey, 2).tolist() == [[3.5, 5.5, 7.5], [15.5, 17.5, 19.5]]
-    assert shrink_image(np.stack([grey, 2 * grey, grey], axis=-1), 2)[1, 0].tolist() == [
-        15.5,
-        31.0,
-        15.5,
-    ]
+    three = shrink_image(np.stack([grey, 2 * grey, grey], axis=-1), 2)
+    assert three[1, 0].tolist() == [15.5, 31.0, 15.5]
     assert shrink_image(grey, 1).dtype == np.float32
 
 

@@ -15,7 +15,7 @@ import rawpy
 from pdcd.errors import DecodeError
 from pdcd.sensor import mosaic
 from pdcd.sensor.raw import read_raw, read_raw_head
-from tests.form_dng import BYTE, LONG, RATIONAL, SHORT, DngFile, Tag, write_dng_form
+from tests.form_dng import BYTE, LONG, SHORT, DngFile, Tag, write_dng_form
 
 SHAPE = 128, 192
 RNG = np.random.default_rng(7)
@@ -129,17 +129,6 @@ def test_what_libraw_finds_is_called_what_it_is(said: dict[str, Any], words: str
     with pytest.raises(DecodeError, match=f"cannot decode a.raf: it is {words}") as caught:
         mosaic._of_libraw(raw, mosaic._unpack(raw))
     assert caught.value.hint and "fetch it" not in caught.value.hint
-
-
-@pytest.mark.parametrize(
-    ("ratio", "stop"), [((28, 10), 2.8), ((1, 0), None), ((0, 0), None), ((0, 1), None)]
-)
-def test_a_stop_that_is_no_number_is_none(
-    tmp_path: Path, ratio: tuple[int, int], stop: float | None
-) -> None:
-    file = replace(PLAIN, more={33437: (RATIONAL, ratio)})
-    write_dng_form(tmp_path / "a.dng", NOISE, file)
-    assert read_raw(tmp_path / "a.dng").f_number == stop
 
 
 def test_samples_that_are_no_numbers(tmp_path: Path) -> None:

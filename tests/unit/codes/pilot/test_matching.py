@@ -199,39 +199,6 @@ def test_the_likeliest_light_of_a_partner_weighs_its_photos_against_what_is_usua
     assert log == pytest.approx(wanted - 0.5 * np.log1p(seen @ seen * spread), abs=1e-6)
 
 
-def test_shapes_of_a_partner_lie_where_they_say_and_are_as_wide() -> None:
-    """Points between cells keep their place; patches fall off as normal distributions do."""
-    grid, centre = (11, 11), 5 * 11 + 5
-    row, col = np.divmod(np.arange(121), 11)
-    shapes = [shape.toarray()[centre] for shape in matching._shapes(grid)]
-    for shape, (down, right) in zip(shapes, matching._BETWEEN, strict=False):
-        assert shape.sum() == pytest.approx(1.0) and shape.min() >= 0.0
-        assert (shape @ row, shape @ col) == pytest.approx((5 + down, 5 + right))
-    patches = shapes[len(matching._BETWEEN) :]
-    for shape, width in zip(patches, matching._PATCHES, strict=True):
-        assert shape.sum() == pytest.approx(1.0)
-        for step in (1, 2):
-            fall = np.exp(-(step**2) / (2 * width**2))
-            for there in (centre + step, centre - step, centre + 11 * step, centre - 11 * step):
-                assert shape[there] / shape[centre] == pytest.approx(fall)
-
-
-def test_any_place_between_cells_has_a_shape_near_it_and_no_place_has_two() -> None:
-    """Within a quarter of a cell, and an eighth along rows and columns."""
-    grid, centre = (11, 11), 5 * 11 + 5
-    place = np.array(np.divmod(np.arange(121), 11)).T
-    points = [shape.toarray()[centre] @ place - 5.0 for shape in matching._shapes(grid)]
-    between = np.array(points[: len(matching._BETWEEN)])
-    apart = np.abs(between[:, None] - between).sum(axis=-1)
-    assert apart[np.triu_indices(len(between), 1)].min() > 0.1
-    neighbours = np.array(list(itertools.product((0, 1), repeat=2)))
-    everywhere = (between[:, None] + neighbours).reshape(-1, 2)
-    tried = np.array(list(itertools.product(np.linspace(0.0, 1.0, 41), repeat=2)))
-    nearest = np.hypot(*(tried[:, None] - everywhere).T).min(axis=0)
-    assert nearest.max() < 0.26
-    assert nearest[(tried == 0.0).any(axis=1)].max() < 0.13
-
-
 @pytest.mark.parametrize("scattered", [0.1, 1.5])
 def test_the_cells_around_foretell_a_partner_by_their_plane(scattered: float) -> None:
     """Cell by cell, by sums over its neighbours written out here: the plane of least squares
