@@ -46,7 +46,7 @@ from pdcd.virtual.optics.products import (
 )
 from pdcd.virtual.optics.render import Detail, PictureTerms, Renderer
 from pdcd.virtual.optics.sent import compute_sent_light
-from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff, lie_on_field
+from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff, find_points_on_field
 from pdcd.virtual.optics.sights import (
     CameraSamples,
     CellGrid,
@@ -307,7 +307,7 @@ class OpticalBench:
         rows, cols = self.frame
         corners = np.stack(np.meshgrid(np.arange(cols + 1.0), np.arange(rows + 1.0)), axis=-1)
         places, own = self._setting.camera.to_field(corners), self._own(grid)
-        good = lie_on_field(places)
+        good = find_points_on_field(places)
         if own is not None:
             good &= own.inside(places)
         return np.asarray(good[1:, 1:] & good[1:, :-1] & good[:-1, 1:] & good[:-1, :-1])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
-from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff, lie_on_field
+from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff, find_points_on_field
 
 _REACH = 4.0
 """Standard deviations after which the blur is cut off."""
@@ -41,7 +41,7 @@ class Lens:
     def share(self) -> Floats | None:
         """Share of each quad's light, (rows, cols), that comes from the field, 0 to 1; None without
         a blur: then quads that lie in the field see nothing else."""
-        return self.share_of(lie_on_field)
+        return self.share_of(find_points_on_field)
 
     def share_of(self, inside_of: _Inside) -> Floats | None:
         """The same for a part of the field: `inside_of` says which points (..., 2) of the field lie
@@ -66,7 +66,7 @@ class Lens:
         reach = int(_REACH * blur + 0.5)
         wide = np.pad(image, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
         x, y = (np.arange(-reach, size + reach, dtype=np.float64) + 0.5 for size in (cols, rows))
-        beyond = ~self._lie(lie_on_field, x, y)
+        beyond = ~self._lie(find_points_on_field, x, y)
         beyond[reach : reach + rows, reach : reach + cols] = False
         wide[beyond] = 0.0
         found = gaussian_filter(wide, (blur, blur, 0.0), mode="constant", truncate=_REACH)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
-from pdcd.virtual.optics.setting import OpticalSetting, lie_on_field
+from pdcd.virtual.optics.setting import OpticalSetting, find_points_on_field
 from pdcd.virtual.optics.sights import NO_SITE, CellGrid
 
 CLOSED = 0
@@ -46,7 +46,7 @@ class OwnCells(CellGrid):
 
     def inside(self, points: Floats) -> NDArray[np.bool_]:
         """Which points (..., 2) of the scene's field lie in that of the codes."""
-        return lie_on_field(self.on_field(points))
+        return find_points_on_field(self.on_field(points))
 
 
 def find_own_cells(

@@ -27,7 +27,7 @@ _EDGE = 1e-9
 """Places no further than this beyond the field count as on its edge."""
 
 
-def lie_on_field(places: Floats) -> NDArray[np.bool_]:
+def find_points_on_field(places: Floats) -> NDArray[np.bool_]:
     """Which points (..., 2) of a field lie on it; nan lies nowhere."""
     with np.errstate(invalid="ignore"):
         return np.asarray(((places >= -_EDGE) & (places <= 1.0 + _EDGE)).all(axis=-1))
