@@ -1,8 +1,8 @@
 """Slow, plain evaluations that the fast code is held against; they share no formula with it.
 
 Panels are cut into square pixels of 1/`fine` cell. Every pair (mask pixel, projector pixel) is
-followed through the exposure: either exactly, by the matrix exponential of the linear system
-``(1, m, i, m i, integral of m i)``, or by time steps.
+followed through the exposure exactly, by the matrix exponential of the linear system
+``(1, m, i, m i, integral of m i)``.
 """
 
 from __future__ import annotations
@@ -172,31 +172,6 @@ def _pairs(
             new[where] = np.tensordot(step, state[where], axes=1)
         state = new
     return np.asarray(state[4])
-
-
-def stepped_integrals(
-    primal: Timeline,
-    dual: Timeline,
-    panel_i: PanelOptics,
-    panel_m: PanelOptics,
-    exposure_s: float,
-    steps_per_edge: int,
-) -> Floats:
-    """The same by explicit Euler steps and the left Riemann sum: first order in the step."""
-    edges = _edges(primal, dual, exposure_s)
-    m = np.full(dual.on.shape[1], panel_m.leak)
-    i = np.full(primal.on.shape[1], panel_i.leak)
-    total = np.zeros((m.size, i.size))
-    for lo, hi in itertools.pairwise(edges):
-        h = (hi - lo) / steps_per_edge
-        m_on, i_on = _at(dual, lo), _at(primal, lo)
-        am = h / np.where(m_on, panel_m.rise_s, panel_m.fall_s)
-        ai = h / np.where(i_on, panel_i.rise_s, panel_i.fall_s)
-        gm, gi = np.where(m_on, 1.0, panel_m.leak), np.where(i_on, 1.0, panel_i.leak)
-        for _ in range(steps_per_edge):
-            total += h * np.outer(m, i)
-            m, i = m + am * (gm - m), i + ai * (gi - i)
-    return total
 
 
 def cell_of(grid: tuple[int, int], fine: int) -> NDArray[np.int64]:

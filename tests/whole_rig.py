@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import pytest
 
 from drivers.virtual_camera import CameraBody, VirtualUsb
 from pdcd.bench.clock import RealClock
@@ -23,9 +20,9 @@ from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.capture.engine import Engine
 from pdcd.client import Client
 from pdcd.errors import PdcdError
-from pdcd.protocol.line_talk import UnreachableError
 from pdcd.server.daemon import serve_daemon
 from tests.fake_serial import Edge, FakeLine, fake_line
+from tests.real_daemon import connect
 
 PATIENCE_S = 30.0
 CABLE = TriggerConfig(driver="serial", options={"port": "line://cable", "feedback": "cts"})
@@ -103,7 +100,8 @@ def served(config: Config) -> Iterator[WholeRig]:
         thread = threading.Thread(target=run)
         thread.start()
         try:
-            _wait_until_ready(socket, thread, failed)
+            with connect(socket, thread.is_alive, lambda: f"it did not start: {failed}") as client:
+                assert client.status().state == "idle"  # the rig has started
             (engine,) = made
             yield WholeRig(socket, engine, line, usb_of(engine))
         finally:
@@ -111,20 +109,6 @@ def served(config: Config) -> Iterator[WholeRig]:
                 loops[0].call_soon_threadsafe(stop.set)
             thread.join(PATIENCE_S)
         assert not thread.is_alive() and not failed
-
-
-def _wait_until_ready(socket: Path, thread: threading.Thread, failed: list[PdcdError]) -> None:
-    """Until the daemon answers a client, which it does once the rig has started."""
-    give_up = time.monotonic() + PATIENCE_S
-    while thread.is_alive():
-        try:
-            with Client(socket) as client:
-                assert client.status().state == "idle"
-                return
-        except UnreachableError:
-            assert time.monotonic() < give_up
-            time.sleep(0.02)
-    pytest.fail(f"the daemon did not start: {failed}")
 
 
 def tables(**more: Any) -> dict[str, Any]:

@@ -113,15 +113,6 @@ def take_one(config: Config, **fields: Any) -> tuple[Engine, CaptureResult, Path
     return engine, result, Path(result.folder)
 
 
-def take_into(folder: Path, config: Config, request: CaptureRequest) -> tuple[CaptureResult, Path]:
-    """A finished capture as an engine of its own takes it, and its run, below a folder."""
-    with started(config) as engine:
-        result = capture_with(engine, request, folder, "job")
-    if result.folder is None:
-        raise RuntimeError("a finished capture has no folder")
-    return result, Path(result.folder)
-
-
 def capture_with(
     engine: Engine,
     request: CaptureRequest,

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from pdcd.bench.placed import compute_mock_frame, make_camera_map
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
@@ -38,9 +37,6 @@ from pdcd.virtual.scene.scene import Scene
 from tests import world
 from tests.frame_logs import make_log
 
-Floats = NDArray[np.float64]
-
-REFRESH_NS = 16_666_667
 GRIDS = {(48, 64): (300, 225), (96, 128): (520, 390)}
 """Cells, and the camera's quads (width, height) that look at them."""
 PARTS = 4

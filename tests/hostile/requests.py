@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
-import msgspec
-
 from pdcd import words
 from pdcd.protocol.fields import ARRAY_FIELDS, list_needed_fields
 from pdcd.protocol.request import CaptureRequest
@@ -167,8 +165,3 @@ def _in_memory(content: bytes) -> int:
     descriptor = os.memfd_create("hostile", os.MFD_CLOEXEC)
     os.write(descriptor, content)
     return descriptor
-
-
-def honest_request() -> dict[str, Any]:
-    """What an honest client asks meanwhile."""
-    return msgspec.to_builtins(CaptureRequest(goal="indirect", codes=8, white=False))  # type: ignore[no-any-return]

@@ -22,8 +22,6 @@ AT_A_TIME = 8
 PATIENCE_S = 30.0
 QUIET_S = 0.2
 SECRET = b"nobody is to read this"
-HARMLESS = frozenset({"start", "describe"})
-"""What of the engine strangers may cause: nothing; these come of the start."""
 
 
 @dataclass

@@ -25,7 +25,7 @@ from pdcd.presenter.xgrab import RootGrabber
 from pdcd.protocol.events import ENDS, JobCancelled, JobDone, JobFailed
 from pdcd.protocol.request import CaptureRequest
 from tests import x11_rig
-from tests.e2e.server.test_daemon_real import connect, daemon, last_event, wait_for_codes
+from tests.real_daemon import connect, daemon, last_event, wait_for_codes
 from tests.xserver import QUARTER, XServer, run
 
 pytestmark = pytest.mark.timeout(180)

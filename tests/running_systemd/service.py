@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import select
 import subprocess
-import time
 from contextlib import suppress
 from pathlib import Path
 
 from pdcd.client import Client
 from pdcd.protocol.events import Progress
-from pdcd.protocol.line_talk import UnreachableError
+from tests.real_daemon import connect
 from tests.running_systemd.machine import PDCD, SLOW_S, Machine, wait_until
 
 STATE = "/var/lib/pdcd"
@@ -28,9 +27,8 @@ f_number = 8.0
 grid = [12, 16]
 """
 LONG = {
-    **{"goal": "indirect", "codes": 512, "white": False, "window": "whole"},
-    **{"pilot": 0, "parts": 1},
-}
+    "goal": "indirect", "codes": 512, "white": False, "window": "whole", "pilot": 0, "parts": 1,
+}  # fmt: skip
 """A capture whose first exposure is its long one."""
 
 _FAR_END = """
@@ -118,13 +116,8 @@ class Service:
 
     def connect(self) -> Client:
         """A client of root's, from out here; starts the service if it does not run."""
-        give_up_s = time.monotonic() + SLOW_S
-        while True:
-            try:
-                return Client(self.machine.inside("/run/pdcd.sock"), timeout_s=60.0)
-            except UnreachableError:
-                assert time.monotonic() < give_up_s, self.machine.journal("-n", "20")
-                time.sleep(0.05)
+        socket = self.machine.inside("/run/pdcd.sock")
+        return connect(socket, say_why=lambda: self.machine.journal("-n", "20"), timeout_s=60.0)
 
     def in_exposure(self, client: Client) -> str:
         """Start a long capture; returns its job once codes are on the panels."""

@@ -37,7 +37,6 @@ class Bench:
     lit : whether any pixel of the panels is lit; None where nobody but the daemon can tell.
     is_open : the same of the shutter.
     freed : makes a port ready for the next daemon, after one that was killed.
-    x_pid : process of the X server, where there is one.
     mounted : whether the state folder is a small file system of its own.
     live : whether its photos take no seconds each, so that there is a live picture of them.
     provoke : has what photos come from mean harm from now on, or be honest again; None where it
@@ -50,7 +49,6 @@ class Bench:
     lit: Callable[[], bool] | None = None
     is_open: Callable[[], bool] | None = None
     freed: Callable[[], None] = lambda: None
-    x_pid: int | None = None
     mounted: bool = False
     live: bool = False
     provoke: Callable[[bool], None] | None = None
@@ -145,7 +143,6 @@ def windows(folder: Path) -> Iterator[Bench]:
             lit,
             lambda: box.open,
             box.freed,
-            server.pid,
             live=True,
         )
 

@@ -165,9 +165,7 @@ def bench(tmp_path: Path) -> Bench:
     (tmp_path / "pdcd").mkdir()
     (tmp_path / "drivers").mkdir()
     (tmp_path / "tests").mkdir()
-    (tmp_path / "pdcd/a.py").write_text(
-        "def f(n):\n    return n + 1\n\n\ndef g(n):\n    return 5\n"
-    )
+    (tmp_path / "pdcd/a.py").write_text(PROGRAM)
     (tmp_path / "tests/test_a.py").write_text(TESTS)
     (tmp_path / "tests/test_wrong.py").write_text("def test_w():\n    assert False\n")
     subprocess.run([program("git"), "init", "-q"], cwd=tmp_path, check=True)

@@ -19,11 +19,11 @@ from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
 from pdcd.client import Client
 from pdcd.protocol.events import Event
-from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.server.daemon import serve_daemon
 from tests.bench_rig import GRID, config
 from tests.e2e.server._server_harness import threaded_daemon
+from tests.real_daemon import connect
 
 PATIENCE_S = 60.0
 
@@ -36,15 +36,8 @@ def daemon(rig: Config, socket: Path) -> Iterator[DaemonBench]:
     thread = threading.Thread(target=loop.run_until_complete, args=(body,))
     thread.start()
     try:
-        give_up_s = time.monotonic() + PATIENCE_S
-        while True:
-            try:
-                bench = pdcd.connect(socket)
-                break
-            except UnreachableError:
-                assert time.monotonic() < give_up_s
-                time.sleep(0.01)
-        with bench:
+        connect(socket).close()
+        with pdcd.connect(socket) as bench:
             yield bench
     finally:
         loop.call_soon_threadsafe(stop.set)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from pathlib import Path
 
 import pytest
 
 from pdcd.errors import PlanError
 from pdcd.protocol.request import CaptureRequest
-from tests.e2e.server.test_daemon_real import connect, daemon
+from tests.processes import soon
+from tests.real_daemon import connect, daemon
 
 REQUEST = CaptureRequest(goal="indirect", codes=8, white=False)
 
@@ -33,13 +33,6 @@ def gone(pid: int) -> bool:
         return True
 
 
-def wait_until_gone(pid: int, limit_s: float) -> None:
-    give_up_s = time.monotonic() + limit_s
-    while not gone(pid):
-        assert time.monotonic() < give_up_s, f"process {pid} lives on"
-        time.sleep(0.01)
-
-
 @pytest.mark.long
 def test_a_killed_daemon_takes_its_work_process_along_even_a_frozen_one(tmp_path: Path) -> None:
     with daemon(tmp_path) as (process, path), connect(path) as client:
@@ -47,7 +40,7 @@ def test_a_killed_daemon_takes_its_work_process_along_even_a_frozen_one(tmp_path
         pid = work_process(process.pid)
         os.kill(pid, signal.SIGSTOP)  # so that it cannot look at its socket
         process.kill()
-        wait_until_gone(pid, 60.0)  # by design at once
+        assert soon(lambda: gone(pid)), f"process {pid} lives on"  # by design it ends at once
 
 
 @pytest.mark.long

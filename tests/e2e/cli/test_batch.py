@@ -27,12 +27,6 @@ goal = "white"
 """
 
 
-def list_folders() -> list[str]:
-    """Where the runs of the table lie."""
-    lines = Path("night/table.csv").read_text().splitlines()
-    return [row["folder"] for row in csv.DictReader(lines)]
-
-
 def test_the_same_command_takes_only_what_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

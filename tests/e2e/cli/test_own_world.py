@@ -9,7 +9,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,12 +22,11 @@ from pdcd.bench.folders import find_socket_path, find_state_dir
 from pdcd.bench.measured import apply_calibration
 from pdcd.bench.tables import Config
 from pdcd.client import Client
-from pdcd.protocol.line_talk import UnreachableError
 from tests import world
 from tests.places import ROOT
+from tests.real_daemon import connect
 from tests.unit.bench._calibrations import entry, record, written
 
-PATIENCE_S = 60.0
 TESTS = (
     "tests/presenter/test_panels_cli.py::test_show_ends_by_itself_and_black[words1]",
     "tests/e2e/planning/test_prior_capture.py::test_command_line",
@@ -116,14 +114,7 @@ def serving(machine: Machine, socket: Path) -> Iterator[None]:
     command = [sys.executable, "-m", "pdcd", *words]
     with machine.log.open("wb") as log, subprocess.Popen(command, stderr=log) as process:
         try:
-            give_up_s = time.monotonic() + PATIENCE_S
-            while True:
-                try:
-                    Client(socket).close()
-                    break
-                except UnreachableError:
-                    assert process.poll() is None and time.monotonic() < give_up_s
-                    time.sleep(0.05)
+            connect(socket, lambda: process.poll() is None).close()
             yield
         finally:
             process.terminate()

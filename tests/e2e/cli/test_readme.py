@@ -8,7 +8,6 @@ import re
 import shlex
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,9 +16,10 @@ import pytest
 
 from pdcd.client import Client
 from pdcd.protocol.entry import RunQuery
-from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from tests.places import ROOT
+from tests.processes import soon
+from tests.real_daemon import connect
 from tests.tools import program
 
 PATIENCE_S = 60.0
@@ -73,15 +73,8 @@ def daemon(environ: dict[str, str]) -> Iterator[Path]:
     socket = Path(environ["XDG_RUNTIME_DIR"]) / "pdcd.sock"
     command = [sys.executable, "-m", "pdcd", "serve"]
     with subprocess.Popen(command, env=environ, stderr=subprocess.DEVNULL) as process:
-        give_up_s = time.monotonic() + PATIENCE_S
         try:
-            while True:
-                try:
-                    Client(socket).close()
-                    break
-                except UnreachableError:
-                    assert process.poll() is None and time.monotonic() < give_up_s
-                    time.sleep(0.02)
+            connect(socket, lambda: process.poll() is None).close()
             yield socket
         finally:
             process.terminate()
@@ -117,10 +110,7 @@ def test_the_examples_and_a_daemon_that_starts_anew(environ: dict[str, str]) -> 
         command = [sys.executable, "-c", follow]
         with subprocess.Popen(command, env=environ, stdout=subprocess.PIPE, text=True) as follower:
             with Client(socket) as client:
-                give_up_s = time.monotonic() + PATIENCE_S
-                while client.status().connections < 2:  # the follower's is the second
-                    assert follower.poll() is None and time.monotonic() < give_up_s
-                    time.sleep(0.02)
+                assert soon(lambda: client.status().connections == 2)  # the follower's, too
                 jobs = []
                 while follower.poll() is None:  # it hears only what comes after it has subscribed
                     jobs.append(client.capture(CaptureRequest(goal="white", codes=4)).job)

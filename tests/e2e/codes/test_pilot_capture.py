@@ -26,7 +26,6 @@ MIRROR = SceneConfig(kind="matrix", path=str(DATA / "mirror_32x24.npz"))
 
 
 CORNER = SceneConfig(kind="matrix", path=str(DATA / "corner_32x24.npz"))
-DISCO = SceneConfig(kind="disco-ball", grid=(24, 32))
 
 
 def run(

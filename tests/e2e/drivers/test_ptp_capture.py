@@ -5,9 +5,6 @@ from __future__ import annotations
 import itertools
 import re
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -21,16 +18,14 @@ from drivers.virtual_camera import CameraBody, FaultScript, ScriptedFault, make_
 from pdcd.bench import config as settings
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
 from pdcd.capture.engine import Engine
-from pdcd.client import Client
 from pdcd.protocol.events import Progress
-from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
+from tests.processes import LONG_S
+from tests.real_daemon import connect, serving
 
-GUARD_S = 60.0
-"""What would hang otherwise; a free machine takes less than a second for it."""
 OPTIONS = {"usb": "virtual"}
 
 
@@ -132,34 +127,12 @@ def test_a_fault_ends_the_job_by_its_kind_and_leaves_no_photo(
 def test_a_signal_in_mid_exposure_lets_go_of_the_shutter(tmp_path: Path) -> None:
     path, socket, said = tmp_path / "pdcd.toml", tmp_path / "s", tmp_path / "stderr"
     path.write_text(settings.format_config(ptp(tmp_path, rig=RigConfig(clock="real"))))
-    command = [
-        sys.executable,
-        "-m",
-        "pdcd",
-        "serve",
-        "--config",
-        str(path),
-        "--socket",
-        str(socket),
-    ]
-    with said.open("wb") as stderr, subprocess.Popen(command, stderr=stderr) as process:
-        try:
-            with connect(socket) as client:
-                client.call("capture.start", {"goal": "indirect", "codes": 512, "white": False})
-                client.call("events.subscribe", {"jobs": "all"})
-                next(e for e in client.events() if isinstance(e, Progress) and e.frame > 0)
-                process.send_signal(signal.SIGTERM)
-                assert process.wait(timeout=GUARD_S) == 0
-        finally:
-            process.kill()
+    words = ("--config", path, "--socket", socket)
+    with said.open("wb") as stderr, serving(*words, stderr=stderr) as process:
+        with connect(socket) as client:
+            client.call("capture.start", {"goal": "indirect", "codes": 512, "white": False})
+            client.call("events.subscribe", {"jobs": "all"})
+            next(e for e in client.events() if isinstance(e, Progress) and e.frame > 0)
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(timeout=LONG_S) == 0
     assert re.findall(r"shutter (held open|let go)", said.read_text()) == ["held open", "let go"]
-
-
-def connect(socket: Path) -> Client:
-    give_up = time.monotonic() + GUARD_S
-    while True:
-        try:
-            return Client(socket)
-        except UnreachableError:
-            assert time.monotonic() < give_up
-            time.sleep(0.02)

@@ -26,8 +26,6 @@ from tests.taken import take_with
 
 pytestmark = pytest.mark.whole
 
-Floats = NDArray[np.float64]
-
 FRAME = (51, 70)
 PLACE = Placing(turn_deg=7.0, scale=1.1)
 PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)

@@ -25,8 +25,8 @@ from pdcd.runs.folder import read_manifest
 from pdcd.virtual.scene.presets import PRESETS
 from tests import bench_rig
 from tests.bench_rig import from_path
-from tests.e2e.server.test_daemon_real import connect, daemon
 from tests.places import DATA
+from tests.real_daemon import connect, daemon
 
 pytestmark = pytest.mark.whole
 

@@ -25,8 +25,8 @@ from pdcd.protocol.events import (
 )
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.runs.folder import read_manifest
-from tests.e2e.server.test_daemon_real import connect, daemon, wait_for_codes
 from tests.heard import Heard
+from tests.real_daemon import connect, daemon, wait_for_codes
 
 REQUESTS = {
     # The very first exposure is spoilt, hence discarded.

@@ -16,9 +16,9 @@ import pytest
 from pdcd.client import Client
 from pdcd.protocol.request import CaptureRequest
 from pdcd.server.ending import KEPT_S, ORDERLY_S, SAFE_S
-from tests.e2e.server.test_daemon_real import connect
 from tests.places import ROOT
 from tests.processes import LONG_S, soon
+from tests.real_daemon import connect
 
 pytestmark = pytest.mark.whole
 

@@ -38,10 +38,10 @@ from pdcd.server.protocol import RpcRequest, parse_line
 from pdcd.server.readers import Readers
 from tests import bench_rig
 from tests.e2e.server._server_harness import Daemon, Wire, nothing_left, served
-from tests.e2e.server.test_daemon_real import connect
-from tests.e2e.server.test_daemon_real import daemon as real_daemon
 from tests.hostile import files
 from tests.hostile.trial import trial
+from tests.real_daemon import connect
+from tests.real_daemon import daemon as real_daemon
 
 pytestmark = pytest.mark.whole
 

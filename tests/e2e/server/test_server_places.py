@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterator
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -31,6 +30,7 @@ from tests.e2e.server._server_harness import (
     threaded_daemon,
 )
 from tests.e2e.server._users import ANNA, BERT, CARL, Users
+from tests.processes import soon
 
 OPEN = ServerConfig(allow_uids=(ANNA, BERT, CARL))
 
@@ -162,7 +162,7 @@ async def drip(wire: Wire) -> None:
 
 def test_a_client_in_python_learns_why_it_was_parted_from(tmp_path: Path) -> None:
     with threaded_daemon(tmp_path, limits=IDLE) as running, Client(running.path) as client:
-        wait_until(lambda: at_end(client))
+        assert soon(lambda: at_end(client))
         with pytest.raises(BusyError, match="asked for nothing"):
             client.status()
         with pytest.raises(UnreachableError):
@@ -174,13 +174,6 @@ def at_end(client: Client) -> bool:
     poll = select.poll()
     poll.register(client._sock, 0)
     return any(event & select.POLLHUP for _, event in poll.poll(0))
-
-
-def wait_until(true: Any) -> None:
-    give_up_s = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < give_up_s
-        time.sleep(0.01)
 
 
 # --- a backlog that is full ---------------------------------------------------------------------

@@ -23,13 +23,14 @@ import pytest
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.client import Client
 from pdcd.errors import PdcdError
-from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.messages import METHODS
 from pdcd.protocol.request import CaptureRequest
 from pdcd.server.daemon import serve_daemon
 from tests.e2e.server._fake_engine import FakeEngine
 from tests.e2e.server._server_harness import PATIENCE_S, Wire
 from tests.places import ROOT
+from tests.processes import soon
+from tests.real_daemon import connect
 from tests.tools import needs, program
 
 pytestmark = pytest.mark.whole
@@ -173,17 +174,9 @@ def test_a_passed_socket_is_served_and_left_in_place(tmp_path: Path) -> None:
     activate = program("systemd-socket-activate")
     command = [activate, "-l", str(path), *fake_daemon(tmp_path)]
     with process(*command) as child:
-        deadline = time.monotonic() + PATIENCE_S
         # The first connection starts the daemon and waits in the backlog meanwhile. The file is
         # there a moment before that can be.
-        while True:
-            try:
-                client = Client(path, timeout_s=PATIENCE_S)
-                break
-            except UnreachableError:
-                assert time.monotonic() < deadline
-                time.sleep(0.01)
-        with client:
+        with connect(path, timeout_s=PATIENCE_S) as client:
             assert client.capture(CaptureRequest(goal="white")).state == "done"
         (told,) = end(child, signal.SIGTERM)
     assert told["calls"] == ["start", "describe", "capture", "closed", "stop"]
@@ -224,9 +217,7 @@ def test_nobody_forges_a_line_of_the_journal(tmp_path: Path) -> None:
         ) as child,
     ):
         try:
-            deadline = time.monotonic() + PATIENCE_S
-            while not path.exists() and time.monotonic() < deadline:
-                time.sleep(0.01)
+            assert soon(path.exists)
             with Client(path, timeout_s=PATIENCE_S) as client:
                 for method in [*METHODS, forged]:
                     for params in hostile(forged):

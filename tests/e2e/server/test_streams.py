@@ -6,7 +6,6 @@ import asyncio
 import base64
 import os
 import socket
-import time
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,8 @@ from pdcd.client import Client
 from pdcd.errors import Cancelled, RequestError
 from pdcd.files.parcels import pack_arrays, unpack_arrays
 from pdcd.protocol.stream import StreamRequest
-from tests.e2e.server._server_harness import PATIENCE_S, Daemon, Wire, served
+from tests.e2e.server._server_harness import Daemon, Wire, served
+from tests.processes import soon
 
 
 async def in_thread(function: Any, *args: Any) -> Any:
@@ -28,10 +28,7 @@ async def in_thread(function: Any, *args: Any) -> Any:
 
 def wait_until_let_go() -> None:
     """Of both sides, which are this process: no memory of pictures is kept."""
-    until_s = time.monotonic() + PATIENCE_S
-    while any(map(_is_memory, Path("/proc/self/fd").iterdir())):
-        assert time.monotonic() < until_s
-        time.sleep(0.01)
+    assert soon(lambda: not any(map(_is_memory, Path("/proc/self/fd").iterdir())))
 
 
 def _is_memory(path: Path) -> bool:

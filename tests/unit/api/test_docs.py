@@ -23,7 +23,6 @@ from tests.places import ROOT
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PAGE = (ROOT / "docs" / "python.md").read_text()
 LIBRARIES = {"pdcd", "numpy", "matplotlib.pyplot", "pandas", "dask"}
-ATTRIBUTES = {"errors": set(pdcd.errors.__dict__)}
 
 
 def _cells() -> list[Any]:

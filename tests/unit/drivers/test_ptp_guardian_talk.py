@@ -20,7 +20,7 @@ from drivers.ptp import guardian
 from drivers.ptp.options import PtpOptions
 from pdcd.child import WORDS, MessageLine
 from pdcd.errors import DeviceLost
-from tests.processes import LONG_S
+from tests.processes import LONG_S, soon
 
 OPTIONS = PtpOptions(serial="0001")
 
@@ -138,10 +138,7 @@ def test_a_frozen_process_is_killed_and_its_shutter_closed(tmp_path: Any) -> Non
             assert parent.wait(LONG_S) == -signal.SIGKILL
         finally:
             parent.kill()
-    until_s = time.monotonic() + LONG_S
-    while not closed.exists() and time.monotonic() < until_s:
-        time.sleep(0.01)
-    assert closed.exists()
+    assert soon(closed.exists)
 
 
 @pytest.mark.parametrize("fails", [0, 1, 60, 1000])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import struct
 import threading
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -13,6 +12,7 @@ import pytest
 from drivers.virtual_camera import BULB_BODY, CameraBody, FaultScript, PlainFilm, ScriptedFault
 from drivers.virtual_camera.ptpip import _LONGEST_BYTES, PtpIpServer
 from pdcd.bench.clock import VirtualClock
+from tests.processes import soon
 
 HELLO = struct.pack("<II", 30, 1) + bytes(16) + b"x\0\0\0"[:2] + struct.pack("<I", 0x10000)
 
@@ -99,10 +99,7 @@ def test_a_connection_that_ends_in_any_way_ends_its_session(
     elif end == "within a packet":
         line.socket.sendall(b"\x20\0\0\0\x06")
     line.socket.close()
-    until_s = time.monotonic() + 30.0
-    while body.session_open and time.monotonic() < until_s:
-        time.sleep(0.005)
-    assert not body.session_open
+    assert soon(lambda: not body.session_open)
 
 
 def test_data_go_both_ways(line: Line, body: CameraBody) -> None:

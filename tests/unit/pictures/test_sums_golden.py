@@ -12,7 +12,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing, make_placed_map
@@ -43,8 +42,6 @@ from tests.places import DATA
 GOLDEN = DATA / "pictures.json"
 GRID = (6, 8)
 N = 48
-Floats = NDArray[np.float64]
-
 TURNED = Placing(turn_deg=7.0, scale=0.85, offset_px=(20.0, -13.0))
 LENS = Placing(turn_deg=-2.0, scale=0.9, radial=(0.03, -0.01), tangential=(0.004, 0.002))
 

@@ -51,10 +51,6 @@ def understood(
     return [(one.path, one.what, one.detail) for one in check.found]
 
 
-def cells(*grid: int) -> Any:
-    return SimpleNamespace(grid=grid)
-
-
 SIDE = 2**12
 """Its square is the most cells."""
 FILES: dict[str, FileRecord] = manifest().files

@@ -24,7 +24,6 @@ RNG = np.random.default_rng(7)
 NOISE = RNG.normal(1500.0, 30.0, SHAPE).round().astype(np.uint16)
 PLAIN, JPEG = DngFile(), DngFile(packing=7, white=16383)
 TILES = replace(JPEG, tile=(32, 64))
-READERS = pytest.mark.parametrize("read", [read_raw, read_raw_head])
 AGAIN = "fetch it from the camera again"
 
 

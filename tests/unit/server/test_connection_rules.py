@@ -24,7 +24,7 @@ from pdcd.server.jobs import Job, JobTable, Owner
 from pdcd.server.protocol import RpcRequest
 from pdcd.server.reading import answer_request
 
-ANNA, BERT, OWN = 1001, 1002, 900
+ANNA, OWN = 1001, 900
 
 
 @contextmanager

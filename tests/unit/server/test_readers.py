@@ -13,7 +13,7 @@ from pdcd.errors import BusyError, RequestError
 from pdcd.server.readers import Readers
 from tests.processes import LONG_S
 
-ANNA, BERT, CARL = 1, 2, 3
+ANNA = 1
 
 
 class Disk:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.probing.realised import Factors
@@ -13,7 +12,6 @@ from pdcd.verdict.meeting import compare_with_blocks, compare_with_single_codes,
 from pdcd.verdict.placement import LightSample
 
 CELLS = 144
-Floats = NDArray[np.float64]
 
 
 def single_codes(direct: float) -> list[LightSample]:
