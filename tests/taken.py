@@ -18,8 +18,8 @@ from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.written.picture_files import read_tiff
-from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult, Quality
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.result import CaptureResult, Quality, make_job_id
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from tests import bench_rig
@@ -83,17 +83,35 @@ class Taken:
 def started(config: Config) -> Iterator[Engine]:
     """An engine whose rig is open, and safe in the end."""
     engine = Engine.from_config(config)
-    engine.start()
     try:
+        engine.start()
         yield engine
     finally:
         engine.stop()
 
 
-def attempt(config: Config, files: Mapping[str, Path] = NO_FILES, **fields: Any) -> CaptureResult:
-    """How a capture ends, of indirect light unless `fields` name another goal."""
+def capture_on(
+    config: Config, request: CaptureRequest, files: Mapping[str, Path] = NO_FILES
+) -> CaptureResult:
+    """How a capture ends by an engine of its own."""
     with started(config) as engine:
-        return bench_rig.capture(engine, request_of(**fields), files=files)
+        return bench_rig.capture(engine, request, files=files)
+
+
+def attempt(config: Config, files: Mapping[str, Path] = NO_FILES, **fields: Any) -> CaptureResult:
+    """The same, of indirect light unless `fields` name another goal."""
+    return capture_on(config, request_of(**fields), files)
+
+
+def calibrate(config: Config, **fields: Any) -> CaptureResult:
+    """How a calibration ends by an engine of its own."""
+    with started(config) as engine:
+        return engine.calibrate(
+            CalibrateRequest(**fields),
+            job=make_job_id(),
+            emit=lambda _: None,
+            cancelled=lambda: False,
+        )
 
 
 def take(config: Config, files: Mapping[str, Path] = NO_FILES, **fields: Any) -> Taken:

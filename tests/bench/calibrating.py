@@ -11,11 +11,9 @@ from pdcd.bench.calibration import Calibration, read_calibration
 from pdcd.bench.config import load_config
 from pdcd.bench.reading import format_toml
 from pdcd.capture.again import recompute_calibration
-from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CalibrateRequest
-from pdcd.protocol.result import make_job_id
 from tests.bench.measure import alone, peak_mib
 from tests.bench.tables import Aim, Section, Table, seconds
+from tests.taken import calibrate
 
 FRAME, QUICK_FRAME = (2136, 1424), (534, 356)
 """Width and height in quads: a RAW file has twice as many samples each way."""
@@ -89,14 +87,7 @@ def taken(place: str, quads: list[int]) -> dict[str, Any]:
     }
     config.write_text(format_toml(belief))
     (Path(place) / "truth.toml").write_text(format_toml(TRUTH))
-    engine = Engine.from_config(load_config(config))
-    engine.start()
-    try:
-        result = engine.calibrate(
-            CalibrateRequest(), job=make_job_id(), emit=lambda event: None, cancelled=lambda: False
-        )
-    finally:
-        engine.stop()
+    result = calibrate(load_config(config))
     if result.folder is None:
         raise RuntimeError(f"the bench was not calibrated: {result.error}")
     record, _ = read_calibration(Path(result.folder))

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import msgspec
 
@@ -28,7 +27,7 @@ from pdcd.virtual.scene.presets import PRESETS
 from tests.bench.measure import REPEATS, peak_mib, timed
 from tests.bench.photo import SCENE
 from tests.bench_rig import from_path
-from tests.places import ROOT
+from tests.places import DATA
 from tests.taken import started
 
 PDCD = Path(sys.executable).with_name("pdcd")
@@ -41,7 +40,7 @@ def config_for(scene: str, grid: tuple[int, int] | None = None) -> Config:
     """The mock bench before a preset scene of that grid, or before a matrix of tests/data."""
     table = SceneConfig(kind=scene, grid=grid)
     if scene not in PRESETS:
-        table = SceneConfig(kind="matrix", path=str(ROOT / "tests" / "data" / f"{scene}.npz"))
+        table = SceneConfig(kind="matrix", path=str(DATA / f"{scene}.npz"))
     return msgspec.structs.replace(Config(), scene=table)
 
 
@@ -100,17 +99,6 @@ def measure_help(repeats: int) -> float:
 def _request(count: int, window: str) -> CaptureRequest:
     values = {"goal": "indirect", "codes": count, "window": window, "pilot": 0, "parts": 1}
     return msgspec.convert(values, CaptureRequest)
-
-
-def take_one(config: Config, **fields: Any) -> tuple[Engine, CaptureResult, Path]:
-    """A capture, of indirect light unless `fields` name another goal, with its folder, and the
-    engine that took it. Raises RuntimeError where it fails."""
-    with started(config) as engine:
-        request = CaptureRequest(**{"goal": "indirect", **fields})
-        result = engine.capture(request, job="job", emit=lambda _: None, cancelled=lambda: False)
-    if result.state != "done" or result.folder is None:
-        raise RuntimeError(str(result.error))
-    return engine, result, Path(result.folder)
 
 
 def capture_with(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,8 @@ from pdcd.virtual.scene.scene import Scene
 from tests.bench import plots
 from tests.bench.captures import noisy_errors
 from tests.bench.tables import Aim, Section, Table, percent
-from tests.places import ROOT
+from tests.places import DATA
+from tests.taken import relative_rms
 
 FIRST, BEST = "bernoulli", "hadamard"
 FAMILIES = (FIRST, "balanced", BEST)
@@ -85,17 +86,18 @@ def run(*, quick: bool, folder: Path) -> Section:
     )
 
 
-def _scenes() -> Iterator[Scene]:
+def load_scenes(grid: tuple[int, int], presets: Iterable[str]) -> Iterator[Scene]:
+    """Both path-traced scenes, and presets on these cells."""
     for name in MATRICES:
-        stored = load_matrix(ROOT / "tests" / "data" / f"{name}.npz")
+        stored = load_matrix(DATA / f"{name}.npz")
         yield Scene(name, stored.grid, stored.effects())
-    for build in PRESETS.values():
-        yield build(GRID, {})
+    for name in presets:
+        yield PRESETS[name](grid, {})
 
 
 def _ideal_errors(counts: tuple[int, ...], seeds: int) -> Errors:
     errors: dict[tuple[str, int, str], list[float]] = {}
-    for grid, group in itertools.groupby(_scenes(), key=lambda scene: scene.grid):
+    for grid, group in itertools.groupby(load_scenes(GRID, PRESETS), key=lambda scene: scene.grid):
         known = [(scene, scene.split()[1]) for scene in group]
         for count, family, seed in itertools.product(counts, FAMILIES, range(seeds)):
             codes = make_codes(family, grid, count, dual="complement", seed=seed)
@@ -109,8 +111,8 @@ def _ideal_errors(counts: tuple[int, ...], seeds: int) -> Errors:
                     )
                     found[CORRECTED] = found[BEST] + more
                 for name, image in found.items():
-                    error = np.sqrt(np.mean((image - truth) ** 2) / np.mean(truth**2))
-                    errors.setdefault((scene.name, count, name), []).append(float(error))
+                    error = relative_rms(image, truth)
+                    errors.setdefault((scene.name, count, name), []).append(error)
     return {key: float(np.mean(values)) for key, values in errors.items()}
 
 

@@ -24,8 +24,8 @@ import numpy as np
 
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, SceneConfig, ServerConfig
 from tests import world
-from tests.bench.captures import take_one
 from tests.places import DATA
+from tests.taken import take as take_photo
 
 MATRICES = ("corner", "mirror")
 SCENES = (
@@ -60,20 +60,17 @@ def bench(name: str, grid: tuple[int, int], seed: int, folder: Path, **camera: A
 
 
 def take(config: Config, **fields: Any) -> Found:
-    """Capture indirect light and hold it against the truth. Raises RuntimeError where it fails."""
-    engine, result, folder = take_one(config, **fields)
-    scene = engine._rig.scene
-    if scene is None:
-        raise RuntimeError("the bench has no scene to compare with")
-    with np.load(folder / "probe.npz", allow_pickle=False) as data:
-        image, sigma, sensor = (data[k] for k in ("image", "sigma", "sigma_sensor"))
-        kind = str(data["sigma_kind"])
+    """Capture indirect light and hold it against the truth; AssertionError where it fails."""
+    photo = take_photo(config, **fields)
+    image, sigma, sensor = (photo.probe[k] for k in ("image", "sigma", "sigma_sensor"))
+    scene = photo.engine._rig.scene
+    assert scene is not None, "the bench has no scene to compare with"
     truth = scene.split()[1].reshape(image.shape)
     known = np.isfinite(sigma)
     total = float(np.sqrt(np.mean(truth[known] ** 2)))
     rms = [float(np.sqrt(np.mean(a[known] ** 2))) / total for a in (image - truth, sigma, sensor)]
     covered = float(np.mean(np.abs(image - truth)[known] <= 1.96 * sigma[known]))
-    return Found(rms[0], rms[1], rms[2], covered, kind, dict(result.summary))
+    return Found(rms[0], rms[1], rms[2], covered, str(photo.probe["sigma_kind"]), photo.summary)
 
 
 def judge(found: list[Found]) -> str:

@@ -11,19 +11,17 @@ import sys
 import tempfile
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config, RigConfig, SceneConfig, ServerConfig
-from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CaptureRequest
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.scene import Scene
 from pdcd.words import WindowName
-from tests import bench_rig, world
+from tests import world
 from tests.bench import plots
+from tests.taken import started, take_with
 
 GRID = (48, 64)
 SHOWN = (-2.0, -1.0, -0.5, 0.0, 0.75, 2.0)
@@ -43,17 +41,11 @@ def taken(folder: Path, disparity: float, window: WindowName) -> tuple[Image, Im
         scene=scene,
         server=ServerConfig(state_dir=str(folder / "state")),
     )
-    engine = Engine.from_config(config)
-    engine.start()
-    request = CaptureRequest(goal="keyed", codes=CODES, window=window, out=str(folder))
-    result = bench_rig.capture(engine, request, f"box{disparity:+.3f}{window}")
-    assert result.folder is not None, result.error
-    images = []
-    for name in ("keyed", "white"):
-        image = cv2.imread(str(Path(result.folder) / "linear" / f"{name}.tif"), -1)
-        assert image is not None
-        images.append(np.asarray(image[..., ::-1], dtype=np.float64))
-    return images[0], images[1], build_scene(scene)
+    job = f"box{disparity:+.3f}{window}"
+    with started(config) as engine:
+        made = take_with(engine, job, goal="keyed", codes=CODES, window=window, out=str(folder))
+    keyed, white = (made.picture(name).astype(np.float64) for name in ("keyed", "white"))
+    return keyed, white, build_scene(scene)
 
 
 def front(scene: Scene, disparity: float) -> tuple[NDArray[np.bool_], Array]:

@@ -11,7 +11,6 @@ from typing import Any
 from drivers.virtual_genicam.bench import BenchLight
 from drivers.virtual_genicam.camera import VirtualExposure
 from pdcd.bench.tables import CameraConfig, RigConfig, SceneConfig, TriggerConfig
-from pdcd.capture.engine import Engine
 from pdcd.protocol.events import DecodingProgress, DecodingStarted, Event, ShutterClosed
 from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
@@ -19,6 +18,7 @@ from tests.bench.measure import alone
 from tests.bench.photo import SCENE
 from tests.bench.tables import Aim, Section, Table, seconds
 from tests.genicam_rig import turn
+from tests.taken import started
 
 DRIVER = "virtual-genicam"
 FRAME_PX = (1440, 1080)
@@ -76,19 +76,19 @@ def measure(repeats: int) -> dict[str, float]:
     request = CaptureRequest(
         goal="indirect", codes=CODES, pilot=0, parts=1, black_level="none", keep_raw="none"
     )
-    with tempfile.TemporaryDirectory() as place, turn():
-        engine = Engine(
-            bench_rig.config(
-                Path(place),
-                camera=CameraConfig(
-                    driver=DRIVER, profile="mono", noise="none", f_number=DIM, frame_quads=FRAME_PX
-                ),
-                trigger=TriggerConfig(driver=DRIVER, lag_s=0.001, jitter_s=0.0),
-                rig=RigConfig(look_at_panels=False),
-                scene=SceneConfig(kind=SCENE, grid=GRID),
-            )
-        )
-        engine.start()
+    tables = {
+        "camera": CameraConfig(
+            driver=DRIVER, profile="mono", noise="none", f_number=DIM, frame_quads=FRAME_PX
+        ),
+        "trigger": TriggerConfig(driver=DRIVER, lag_s=0.001, jitter_s=0.0),
+        "rig": RigConfig(look_at_panels=False),
+        "scene": SceneConfig(kind=SCENE, grid=GRID),
+    }
+    with (
+        tempfile.TemporaryDirectory() as place,
+        turn(),
+        started(bench_rig.config(Path(place), **tables)) as engine,
+    ):
         for number in range(repeats + 1):
             at: dict[type[Event], float] = {}  # when each kind of event was last heard
             result = engine.capture(
@@ -108,5 +108,4 @@ def measure(repeats: int) -> dict[str, float]:
                     "sum_s": at[DecodingProgress] - closed_s,
                 }
             )
-        engine.stop()
     return {key: median(row[key] for row in rows[1:]) for key in rows[0]}

@@ -28,10 +28,10 @@ from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.truth import read_known_answer
 from pdcd.runs.verify import read_whole_manifest
 from tests import world
-from tests.bench.captures import take_one
 from tests.bench.error_bars import SCENES as FEW
 from tests.bench.error_bars import bench
 from tests.bench.placed import anywhere
+from tests.taken import take as take_photo
 
 Bools = NDArray[np.bool_]
 
@@ -110,8 +110,8 @@ class Found:
 
 def take(config: Config, **fields: Any) -> tuple[Found, Found]:
     """Capture indirect light: all known quads, and those that see more than one cell. Raises
-    RuntimeError where it fails."""
-    _, _, folder = take_one(config, **fields)
+    AssertionError where it fails."""
+    folder = take_photo(config, **fields).folder
     decoded = Darkroom(folder, read_whole_manifest(folder).run).decoded()
     truth, seen = read_known_answer(folder, decoded.cells).on_quads(decoded.cells)
     picture = decoded.answer

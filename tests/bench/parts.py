@@ -27,8 +27,8 @@ from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.truth import read_known_answer
 from pdcd.runs.verify import read_whole_manifest
 from tests import world
-from tests.bench.captures import take_one
 from tests.bench.error_bars import MATRICES, bench
+from tests.taken import take as take_photo
 
 PRESETS = (
     "open-book", "wax-disk", "disco-ball", "milky-bottle", "mirror-and-vase", "still-life",
@@ -62,11 +62,11 @@ class Taken:
 
 
 def take(config: Config, **fields: Any) -> Taken:
-    """Capture indirect light. Raises RuntimeError where it fails."""
-    _, result, folder = take_one(config, **fields)
-    record = read_whole_manifest(folder).run
-    decoded = Darkroom(folder, record).decoded()
-    truth, seen = read_known_answer(folder, decoded.cells).on_quads(decoded.cells)
+    """Capture indirect light. Raises AssertionError where it fails."""
+    photo = take_photo(config, **fields)
+    record = read_whole_manifest(photo.folder).run
+    decoded = Darkroom(photo.folder, record).decoded()
+    truth, seen = read_known_answer(photo.folder, decoded.cells).on_quads(decoded.cells)
     made = decoded.answer
     known = seen & np.isfinite(made.sigma).all(axis=-1)
     off, sigma = made.image[known] - truth[known], made.sigma[known]
@@ -74,7 +74,7 @@ def take(config: Config, **fields: Any) -> Taken:
         float(np.sqrt(np.mean(values.astype(np.float64) ** 2)))
         for values in (truth[known], off, sigma)
     )
-    said: dict[str, Any] = dict(result.summary)
+    said = photo.summary
     pilot = f" after {said['pilot']}" * (said["pilot"] > 0)
     return Taken(
         error=error / light,

@@ -15,7 +15,7 @@ from pdcd.protocol.request import CaptureRequest
 from tests.bench import plots
 from tests.bench.captures import capture_with, config_for
 from tests.bench.tables import Aim, Section, Table, percent
-from tests.places import ROOT
+from tests.places import DATA
 from tests.taken import started
 
 GRID = (24, 32)
@@ -69,8 +69,8 @@ def _asked(scene: str, count: int, way: str) -> CaptureRequest | None:
     if way == NONE:
         return msgspec.structs.replace(base, pilot=0)
     if way == PRIOR:
-        file = str(ROOT / "tests" / "data" / f"{scene}.npz")
-        known = file if Path(file).exists() else f"scene:{scene}"
+        file = DATA / f"{scene}.npz"
+        known = str(file) if file.exists() else f"scene:{scene}"
         return msgspec.structs.replace(base, prior=known)
     if way != SHORT:
         share = _choose_long_pilot(count)

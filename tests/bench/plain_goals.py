@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CaptureRequest
 from tests import world
 from tests.bench.error_bars import SCENES, bench
+from tests.taken import take
 
 GRID = (24, 32)
 N = GRID[0] * GRID[1]
@@ -48,25 +47,15 @@ def row(scene: str, goal: str, seeds: int, **fields: Any) -> str:
     figures, parts, verdicts = [], set(), set()
     for seed in range(seeds):
         with tempfile.TemporaryDirectory() as folder:
-            engine = Engine.from_config(bench(scene, GRID, seed, Path(folder)))
-            engine.start()
-            try:
-                result = engine.capture(
-                    CaptureRequest(seed=seed, **asked),
-                    job="job", emit=lambda _: None, cancelled=lambda: False,
-                )  # fmt: skip
-            finally:
-                engine.stop()
-            if result.folder is None:
-                raise RuntimeError(str(result.error))
-            with np.load(Path(result.folder) / "probe.npz") as made:
-                image, sigma = made["image"], made["sigma"]
-            with np.load(Path(result.folder) / "truth.npz") as known:
+            config = bench(scene, GRID, seed, Path(folder))
+            made = take(config, seed=seed, **asked)
+            image, sigma = made.image, made.probe["sigma"]
+            with np.load(made.folder / "truth.npz") as known:
                 truth = known["image"].reshape(image.shape)
         off, light = (float(np.sqrt(np.mean(a**2))) for a in (image - truth, truth))
         covered = float(np.mean(np.abs(image - truth) <= 1.96 * sigma))
         figures.append((off / light, float(np.sqrt(np.mean(sigma**2))) / off, 100.0 * covered))
-        summary: dict[str, Any] = dict(result.summary)
+        summary = made.summary
         parts.add(f"{summary['parts']}" + f" after {summary['pilot']}" * (summary["pilot"] > 0))
         verdicts.add(summary["quality"].verdict)
     error, ratio, covered = np.mean(figures, axis=0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -16,19 +15,17 @@ from pdcd.panels.lattice import Lattice
 from pdcd.pictures.smooth import compute_colour_correction
 from pdcd.probing.wanted import NearPart
 from pdcd.recipes.programs import LongRangeProgram
-from pdcd.virtual.scene.matrix import load_matrix
-from pdcd.virtual.scene.presets import PRESETS
 from pdcd.virtual.scene.scene import Scene
 from tests.bench import plots
+from tests.bench.code_error import load_scenes
 from tests.bench.tables import Section, Table, percent
-from tests.places import ROOT
+from tests.taken import relative_rms
 
 GRID = (24, 32)
 RADIUS = 2
 COUNTS = (128, 512)
 SEEDS = 5
 SCENES = ("open-book", "wax-disk", "milky-bottle", "disco-ball")
-MATRICES = ("corner_32x24", "mirror_32x24")
 GOALS = ("long-range", "short-range")
 
 SHOWN, SHOWN_SEED = 6, 0
@@ -93,17 +90,9 @@ def draw(path: Path) -> None:
     plots.save(figure, path)
 
 
-def _scenes() -> Iterator[tuple[str, Scene]]:
-    for name in MATRICES:
-        stored = load_matrix(ROOT / "tests" / "data" / f"{name}.npz")
-        yield name, Scene(name, stored.grid, stored.effects())
-    for name in SCENES:
-        yield name, PRESETS[name](GRID, {})
-
-
 def _errors(counts: tuple[int, ...], seeds: int) -> Errors:
     errors: dict[tuple[str, int, str, str], list[float]] = {}
-    for name, scene in _scenes():
+    for scene in load_scenes(GRID, SCENES):
         transport = scene.dense()
         near = NearPart(scene.grid, RADIUS).rows(0, scene.cells)
         own = np.eye(scene.cells)
@@ -116,8 +105,8 @@ def _errors(counts: tuple[int, ...], seeds: int) -> Errors:
             for how, far in _far(scene, transport, count, seed).items():
                 found = {"long-range": far, "short-range": indirect - far}
                 for goal, image in found.items():
-                    off = np.mean((image - truth[goal]) ** 2) / np.mean(truth[goal] ** 2)
-                    errors.setdefault((name, count, goal, how), []).append(float(np.sqrt(off)))
+                    error = relative_rms(image, truth[goal])
+                    errors.setdefault((scene.name, count, goal, how), []).append(error)
     return {key: float(np.mean(values)) for key, values in errors.items()}
 
 

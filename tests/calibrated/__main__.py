@@ -22,13 +22,13 @@ from pdcd.bench.config import load_config
 from pdcd.bench.measured import apply_calibration as with_latest
 from pdcd.bench.tables import CalibrationConfig, Config, SceneConfig
 from pdcd.bench.truth import load_bench_truth
-from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest
-from pdcd.protocol.result import CaptureResult, make_job_id
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import make_job_id
 from pdcd.sensor.profile import load_profile
-from tests import world
+from tests import bench_rig, world
 from tests.calibrated.compare import compared
 from tests.calibrated.draw import drawn
+from tests.taken import calibrate, started
 
 LIMITS = {
     "camera to projector px": 0.1,
@@ -77,7 +77,7 @@ def main() -> None:
 
 def _one(seed: int, folder: Path, config: Config, capture: bool) -> dict[str, object]:
     begun_s = time.process_time()
-    result = _calibrated(config)
+    result = calibrate(config)
     entry: dict[str, object] = {"bench": seed, "cpu_s": round(time.process_time() - begun_s, 1)}
     entry["state"], entry["summary"] = result.state, result.summary.get("verdict")
     if result.folder is None or result.state != "done":
@@ -91,17 +91,6 @@ def _one(seed: int, folder: Path, config: Config, capture: bool) -> dict[str, ob
     if capture:
         entry |= _captures(load_config(folder / "bench.toml"), true)
     return entry
-
-
-def _calibrated(config: Config) -> CaptureResult:
-    engine = Engine.from_config(config)
-    engine.start()
-    try:
-        return engine.calibrate(
-            CalibrateRequest(), job=make_job_id(), emit=lambda event: None, cancelled=lambda: False
-        )
-    finally:
-        engine.stop()
 
 
 def _captures(calibrated: Config, true: Config) -> dict[str, float | None]:
@@ -119,16 +108,10 @@ def _captures(calibrated: Config, true: Config) -> dict[str, float | None]:
     request = CaptureRequest(goal="indirect", codes=128, window="quarter")
     found: dict[str, float | None] = {}
     for name, config in ways.items():
-        engine = Engine.from_config(msgspec.structs.replace(config, scene=scene))
-        engine.start()
-        try:
-            result = engine.capture(
-                request, job=make_job_id(), emit=lambda event: None, cancelled=lambda: False
-            )
-            found[f"error {name}"] = result.summary.get("rms_error_quads")  # type: ignore[assignment]
-            found[f"folder {name}"] = result.folder  # type: ignore[assignment]
-        finally:
-            engine.stop()
+        with started(msgspec.structs.replace(config, scene=scene)) as engine:
+            result = bench_rig.capture(engine, request, make_job_id())
+        found[f"error {name}"] = result.summary.get("rms_error_quads")  # type: ignore[assignment]
+        found[f"folder {name}"] = result.folder  # type: ignore[assignment]
     measured, best = found["error as measured"], found["error as it is"]
     if measured and best:
         found["error over that with the truth"] = measured / best

@@ -12,19 +12,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from pdcd.bench.tables import CameraConfig, SceneConfig
-from pdcd.capture.engine import Engine
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.recipe import Extremes
-from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome
 from tests.hard_cases.differences import caustic, faint_direct
+from tests.taken import take
 
 GRID = bench_rig.GRID
 ODD_GRIDS = ((1, 1), (1, 7), (11, 1), (5, 13))
@@ -43,13 +40,9 @@ class Captured:
             path = Path(folder) / "hard.npz"
             np.savez(path, transport=transport, grid=np.array(grid))
             scene = SceneConfig(kind="matrix", path=str(path))
-            engine = Engine.from_config(bench_rig.config(Path(folder), scene=scene, camera=camera))
-            engine.start()
-            result = bench_rig.capture(engine, msgspec.convert(fields, CaptureRequest))
-            engine.stop()
-            assert result.error is None and result.folder is not None, result.error
-            self.manifest: Manifest = read_manifest(Path(result.folder))
-            decoded = Darkroom(Path(result.folder), self.manifest.run).decoded()
+            made = take(bench_rig.config(Path(folder), scene=scene, camera=camera), **fields)
+            self.manifest: Manifest = made.manifest
+            decoded = Darkroom(made.folder, self.manifest.run).decoded()
         answer = decoded.answer
         self.image: Floats = answer.image[..., 1].reshape(-1)
         self.sigma: Floats = np.asarray(answer.sigma[..., 1], np.float64).reshape(-1)

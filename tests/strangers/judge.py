@@ -15,16 +15,14 @@ import numpy as np
 import pdcd
 from pdcd.bench.calibration import read_calibration
 from pdcd.bench.tables import CalibrationConfig
-from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError
-from pdcd.protocol.request import CalibrateRequest
-from pdcd.protocol.result import make_job_id
 from pdcd.words import GoalName, StepName
 from tests.strangers import benches
 from tests.strangers.compare import compare
 from tests.strangers.package.strangers_bench.drivers import STANDS
 from tests.strangers.package.strangers_bench.facts import Facts, draw_facts
 from tests.strangers.package.strangers_bench.world import Stands, World
+from tests.taken import calibrate as calibrate_once
 
 Entry = dict[str, Any]
 
@@ -73,19 +71,10 @@ def calibrate(file: Path, folder: Path, stands: Stands, *steps: StepName) -> Ent
     """Steps of a calibration by data sheets, or all of them; what it ended with."""
     stands.save(folder / STANDS)
     begun_s = time.process_time()
-    engine = Engine.from_config(benches.read_config(file))
     try:
-        engine.start()
-        result = engine.calibrate(
-            CalibrateRequest(steps=steps),
-            job=make_job_id(),
-            emit=lambda event: None,
-            cancelled=lambda: False,
-        )
+        result = calibrate_once(benches.read_config(file), steps=steps)
     except PdcdError as err:
         return {"state": "refused", "cause": err.message, "values": {}}
-    finally:
-        engine.stop()
     cause = "" if result.error is None else str(result.error["message"])
     return {
         "state": result.state,

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
 from pdcd.protocol.events import DecodingProgress, Event
 from pdcd.protocol.request import CaptureRequest
 from pdcd.watch import Watch
 from tests import bench_rig
+from tests.taken import started
 
 
 def test_pieces_count_their_signs_of_life_and_are_done_in_the_end() -> None:
@@ -63,10 +63,9 @@ def test_nothing_is_told_of_no_work_and_an_ear_may_end_it() -> None:
 def test_every_decoding_goes_on_to_its_end(
     tmp_path: Path, request_: CaptureRequest, decodings: int
 ) -> None:
-    engine = Engine.from_config(bench_rig.config(tmp_path, grid=(8, 8)))
-    engine.start()
     events: list[Event] = []
-    result = engine.capture(request_, job="job", emit=events.append, cancelled=lambda: False)
+    with started(bench_rig.config(tmp_path, grid=(8, 8))) as engine:
+        result = engine.capture(request_, job="job", emit=events.append, cancelled=lambda: False)
     assert result.state == "done", result.error
     stages: list[list[DecodingProgress]] = []
     before: Event | None = None

@@ -16,6 +16,7 @@ from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig, whole_rig
 from tests.e2e.capture.test_whole_rig import images
 from tests.fake_serial import FakeLine, fake_line
+from tests.taken import capture_on
 
 REQUEST = CaptureRequest(goal="indirect", codes=16, black_level="none")
 CAMERA = CameraConfig(noise="none", f_number=8.0)
@@ -36,10 +37,7 @@ def cabled(config: Config) -> Iterator[tuple[Engine, FakeLine]]:
 def test_the_pictures_are_those_of_the_mock_shutter(tmp_path: Path) -> None:
     for name in ("mock", "cable"):
         (tmp_path / name).mkdir()
-    engine = Engine.from_config(bench_rig.config(tmp_path / "mock", camera=CAMERA))
-    engine.start()
-    expected = images(bench_rig.capture(engine, REQUEST))
-    engine.stop()
+    expected = images(capture_on(bench_rig.config(tmp_path / "mock", camera=CAMERA), REQUEST))
     config = bench_rig.config(tmp_path / "cable", camera=CAMERA, trigger=whole_rig.BLIND)
     with cabled(config) as (engine, line):
         found = images(bench_rig.capture(engine, REQUEST))

@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, TriggerConfig
-from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig, whole_rig
+from tests.taken import capture_on
 
 REQUEST = CaptureRequest(goal="indirect", codes=16, black_level="none")
 
@@ -37,10 +37,7 @@ def test_the_answer_is_that_of_the_mocks(tmp_path: Path, cable: TriggerConfig) -
     (tmp_path / "mock").mkdir()
     (tmp_path / "rig").mkdir()
     mocks = CameraConfig(noise="none", f_number=8.0)
-    engine = Engine.from_config(bench_rig.config(tmp_path / "mock", camera=mocks))
-    engine.start()
-    expected = images(bench_rig.capture(engine, REQUEST))
-    engine.stop()
+    expected = images(capture_on(bench_rig.config(tmp_path / "mock", camera=mocks), REQUEST))
     config = bench_rig.config(tmp_path / "rig", **whole_rig.tables(trigger=cable))
     with whole_rig.served(config) as rig:
         with rig.client() as client:

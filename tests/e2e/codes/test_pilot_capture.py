@@ -19,6 +19,7 @@ from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import ShotRecord
 from tests import bench_rig
 from tests.places import DATA
+from tests.taken import capture_on
 
 pytestmark = pytest.mark.whole
 
@@ -44,9 +45,7 @@ def run(
         limits=limits or LimitsConfig(min_free_bytes=0),
         **tables,
     )
-    engine = Engine.from_config(config)
-    engine.start()
-    return bench_rig.capture(engine, request)
+    return capture_on(config, request)
 
 
 @pytest.mark.long

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig, TriggerConfig
-from pdcd.capture.engine import Engine
 from pdcd.errors import ConfigError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -19,6 +18,7 @@ from pdcd.runs.verify import read_whole_manifest
 from tests import bench_rig
 from tests.dlpc900_pair import LEAST_US, make_dmds
 from tests.genicam_rig import needs_aravis, turn
+from tests.taken import capture_on
 
 pytestmark = needs_aravis
 WIRED, PULSES = 0, ("Line2", "Line3")
@@ -45,12 +45,7 @@ def capture(folder: Path, trigger_bit: int, **options: Any) -> CaptureResult:
         trigger=TriggerConfig(driver="virtual-genicam", lag_s=0.001, jitter_s=0.0),
         rig=RigConfig(retries=1),
     )
-    engine = Engine(config)
-    engine.start()
-    try:
-        return bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=16))
-    finally:
-        engine.stop()
+    return capture_on(config, CaptureRequest(goal="indirect", codes=16))
 
 
 def verified(result: CaptureResult) -> set[bool]:

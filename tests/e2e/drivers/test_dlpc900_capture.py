@@ -20,6 +20,7 @@ from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
 from tests.dlpc900_pair import LEAST_US, make_dmds
 from tests.dlpc900_rig import ROW_US, SIZE, Dlpc900Rig, ScriptedUsb
+from tests.taken import take
 
 GRID = (6, 8)
 
@@ -109,14 +110,6 @@ def test_a_capture_of_128_codes_on_virtual_dmds_is_that_of_the_mock_panels(
             projector=panel,
             mask=msgspec.structs.replace(panel, skew_s=2e-6),
         )
-        engine = Engine(config)
-        engine.start()
-        try:
-            request = CaptureRequest(goal="indirect", codes=128, guards=guards)
-            result = bench_rig.capture(engine, request)
-        finally:
-            engine.stop()
-        assert result.state == "done" and result.folder is not None
-        images.append(pdcd.open(result.folder).image)
+        images.append(take(config, codes=128, guards=guards).image)
     assert np.abs(images[1]).max() > 0.0
     np.testing.assert_allclose(images[0], images[1], rtol=0.0, atol=1e-9 * images[1].max())

@@ -16,16 +16,15 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig
-from pdcd.capture.engine import Engine
 from pdcd.pages.report import write_report
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.row import read_matrix_row
 from pdcd.pictures.written.picture_files import read_tiff
-from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify import verify_run
 from tests import bench_rig, tools
 from tests.browser import Tab, browser
+from tests.taken import take
 
 ROWS, COLS = bench_rig.GRID
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\"'&{{script}}\u202e"
@@ -34,12 +33,7 @@ pytestmark = [tools.needs("chromium"), pytest.mark.whole]
 
 
 def finished(folder: Path, config: Any, **fields: Any) -> Path:
-    engine = Engine.from_config(config)
-    engine.start()
-    result = bench_rig.capture(engine, CaptureRequest(**fields))
-    engine.stop()
-    assert result.folder is not None, result.error
-    return Path(result.folder)
+    return take(config, **fields).folder
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from pdcd.errors import DecodeError
 from pdcd.pictures.decode import decode_folder
 from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
+from tests.taken import capture_on
 
 REQUEST = CaptureRequest(goal="indirect", codes=4, white=False)
 
@@ -25,12 +26,7 @@ def flip(path: Path) -> None:
 
 
 def test_a_run_whose_raw_file_changed_is_not_decoded(tmp_path: Path) -> None:
-    engine = Engine.from_config(bench_rig.config(tmp_path))
-    engine.start()
-    result = bench_rig.capture(engine, REQUEST)
-    engine.stop()
-    assert result.folder is not None, result.error
-    folder = Path(result.folder)
+    folder = Path(str(capture_on(bench_rig.config(tmp_path), REQUEST).folder))
     assert decode_folder(folder).identical
     raw = next(folder.glob("raw/coded*.dng"))
     size = raw.stat().st_size

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, PanelConfig, SceneConfig
-from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.places import DATA
+from tests.taken import capture_on
 
 pytestmark = pytest.mark.whole
 
@@ -33,12 +33,7 @@ def scene(name: str) -> SceneConfig:
 
 def run(folder: Path, request: CaptureRequest, **tables: Any) -> CaptureResult:
     folder.mkdir(exist_ok=True)
-    engine = Engine.from_config(bench_rig.config(folder, **tables))
-    engine.start()
-    try:
-        return bench_rig.capture(engine, request)
-    finally:
-        engine.stop()
+    return capture_on(bench_rig.config(folder, **tables), request)
 
 
 def number(result: CaptureResult, key: str) -> float:

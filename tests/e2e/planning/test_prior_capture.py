@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
-from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.codes.hadamard import make_prior_codes
 from pdcd.codes.make import make_codes
@@ -27,6 +26,7 @@ from tests import bench_rig
 from tests.bench_rig import from_path
 from tests.places import DATA
 from tests.real_daemon import connect, daemon
+from tests.taken import capture_on, started
 
 pytestmark = pytest.mark.whole
 
@@ -66,12 +66,7 @@ def run(folder: Path, scene: str, **fields: Any) -> CaptureResult:
     if fields.get("prior", "").endswith(".npz"):
         files["prior"] = Path(fields.pop("prior"))
     request = CaptureRequest(**{"goal": "indirect", "codes": 32, "white": False, **fields})
-    engine = Engine.from_config(config_for(folder, scene))
-    engine.start()
-    try:
-        return bench_rig.capture(engine, request, files=files)
-    finally:
-        engine.stop()
+    return capture_on(config_for(folder, scene), request, files=files)
 
 
 def error(result: CaptureResult) -> float:
@@ -168,12 +163,10 @@ def test_refusals(fields: dict[str, Any], what: str, tmp_path: Path) -> None:
 def test_foreseen_and_achieved_agree_with_a_prior(tmp_path: Path) -> None:
     """The planner counts on the codes that the capture will show."""
     config = config_for(tmp_path, "scene:disco-ball", noise="full")
-    engine = Engine.from_config(config)
-    engine.start()
     request = CaptureRequest(goal="indirect", error=0.02, prior="scene:disco-ball", white=False)
-    result = bench_rig.capture(engine, request)
-    plain = engine.plan(CaptureRequest(goal="indirect", error=0.02, white=False))
-    engine.stop()
+    with started(config) as engine:
+        result = bench_rig.capture(engine, request)
+        plain = engine.plan(CaptureRequest(goal="indirect", error=0.02, white=False))
     assert error(result) == pytest.approx(float(str(result.summary["predicted_error"])), rel=0.3)
     assert float(str(result.summary["codes"])) < plain.codes / 4
 

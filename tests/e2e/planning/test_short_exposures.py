@@ -8,7 +8,6 @@ from typing import Any
 import msgspec
 import pytest
 
-import pdcd
 from pdcd.bench.tables import (
     CameraConfig,
     DisplayConfig,
@@ -17,9 +16,8 @@ from pdcd.bench.tables import (
     SceneConfig,
     ScheduleConfig,
 )
-from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
+from tests.taken import take
 
 GRID = (24, 32)
 
@@ -50,14 +48,6 @@ def test_the_error_of_two_dmds_is_foreseen_to_a_quarter(
         rig=RigConfig(settle_s=0.002),
         schedule=ScheduleConfig(guards=guards),
     )
-    engine = Engine(config)
-    engine.start()
-    try:
-        request = CaptureRequest(goal="indirect", error=0.03, black_level="none")
-        result = bench_rig.capture(engine, request)
-    finally:
-        engine.stop()
-    assert result.state == "done" and result.folder is not None
-    summary: Any = pdcd.open(result.folder).manifest.summary
+    summary = take(config, error=0.03, black_level="none").summary
     assert summary["predicted_error"] == pytest.approx(summary["rms_error_cells"], rel=0.25)
     assert summary["rms_error_cells"] < 0.03

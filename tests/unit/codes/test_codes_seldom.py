@@ -12,7 +12,6 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig
-from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.codes.orders import count_spread_subspaces, make_partial_spread
 from pdcd.codes.singer import (
@@ -21,9 +20,9 @@ from pdcd.codes.singer import (
     make_projective_plane_codes,
 )
 from pdcd.errors import RequestError
-from pdcd.protocol.request import CaptureRequest
 from pdcd.virtual.scene.presets import PRESETS
 from tests import bench_rig
+from tests.taken import take
 from tests.unit.codes._oracles import probing
 
 
@@ -192,10 +191,6 @@ def test_a_capture_of_a_fraction(tmp_path: Path, family: str, codes: int, p: flo
     """Through the whole chain, on a grid of 3 x 4 cells, where two of them are exact."""
     scene = bench_rig.matrix_scene(tmp_path)
     camera = CameraConfig(noise="none")
-    engine = Engine.from_config(bench_rig.config(tmp_path, scene=scene, camera=camera))
-    engine.start()
-    request = CaptureRequest(goal="fraction", p=p, codes=codes, family=family)  # type: ignore[arg-type]
-    result = bench_rig.capture(engine, request)
-    assert result.error is None, result.error
-    error = float(str(result.summary["rms_error_quads"]))
-    assert error < (0.2 if family == "rademacher" else 1e-3)
+    config = bench_rig.config(tmp_path, scene=scene, camera=camera)
+    made = take(config, goal="fraction", p=p, codes=codes, family=family)
+    assert made.error < (0.2 if family == "rademacher" else 1e-3)

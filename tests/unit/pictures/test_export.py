@@ -18,25 +18,19 @@ import tifffile
 
 from pdcd import __version__
 from pdcd.api.run import open_run
-from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.errors import RequestError
 from pdcd.pictures.written.export import ExportedFile, ExportRequest, export_run_pictures
 from pdcd.pictures.written.picture_files import read_tiff
-from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.verify import verify_run
 from tests import bench_rig, tampered
+from tests.taken import take
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of three pictures of 3 x 4 quads."""
-    engine = Engine.from_config(bench_rig.config(tmp_path_factory.mktemp("run")))
-    engine.start()
-    result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=8))
-    engine.stop()
-    assert result.state == "done" and result.folder is not None, result.error
-    return Path(result.folder)
+    return take(bench_rig.config(tmp_path_factory.mktemp("run")), codes=8).folder
 
 
 def made(run: Path, format_: Any, **more: Any) -> dict[str, ExportedFile]:

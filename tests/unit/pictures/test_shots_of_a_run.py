@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig
-from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
 from pdcd.panels.map import Map
 from pdcd.pictures.darkroom import Darkroom
@@ -21,7 +20,6 @@ from pdcd.pictures.learn import scale_code_photos
 from pdcd.pictures.to_cells import unmix_cells
 from pdcd.probing.realised import Factors
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
-from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import make_recipe
 from pdcd.runs.folder import read_manifest
@@ -31,18 +29,14 @@ from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw
 from pdcd.watch import Watch
 from tests import bench_rig
+from tests.taken import take
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two photos, of two by two quads a cell."""
     camera = CameraConfig(quads_per_cell=2)
-    engine = Engine.from_config(bench_rig.config(tmp_path_factory.mktemp("run"), camera=camera))
-    engine.start()
-    result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=8))
-    engine.stop()
-    assert result.state == "done" and result.folder is not None, result.error
-    return Path(result.folder)
+    return take(bench_rig.config(tmp_path_factory.mktemp("run"), camera=camera), codes=8).folder
 
 
 def record_of(run: Path, **changed: Any) -> RunRecord:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import SceneConfig
-from pdcd.capture.engine import Engine
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import read_pattern_levels
 from pdcd.planning.make import make_plan
@@ -25,13 +24,13 @@ from pdcd.planning.metering import (
     predict_peak_share,
 )
 from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.folder import read_manifest
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import read_raw
 from pdcd.virtual.scene.presets import PRESETS
 from tests import bench_rig
 from tests.places import DATA
+from tests.taken import take
 
 STOPS = tuple(2.0 ** (k / 6.0) for k in range(49))
 
@@ -130,15 +129,11 @@ def test_the_photo_fills_the_sensor_as_it_is_meant_to(name: str, tmp_path: Path)
     for seed in range(3):
         folder = tmp_path / str(seed)
         folder.mkdir()
-        engine = Engine.from_config(bench_rig.config(folder, scene=scene))
-        engine.start()
-        result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=128, seed=seed))
-        engine.stop()
-        assert result.folder is not None, result.error
-        run = read_manifest(Path(result.folder)).run
+        made = take(bench_rig.config(folder, scene=scene), codes=128, seed=seed)
+        run = made.manifest.run
         shot = next(s for s in run.shots if s.name == "coded")
         saturation_dn = run.profile.saturation_dn(shot.iso)
-        raw = read_raw(Path(result.folder) / shot.raw, saturation_dn=saturation_dn)
+        raw = read_raw(made.folder / shot.raw, saturation_dn=saturation_dn)
         peaks.append(measure_peak_share(raw.planes, raw.saturated, saturation_dn))
     low = 0.8 if name == "disco-ball" else 0.5
     assert max(peaks) < TARGET * 1.1

@@ -9,18 +9,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
-from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
-from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.programs import SignedProgram
-from pdcd.runs.folder import read_manifest
 from tests import bench_rig, catalogue_rig
 from tests.catalogue_rig import photo, scene_of, show, transport
+from tests.taken import take
 
 GRID = (4, 5)
 N = 20
@@ -42,21 +39,15 @@ def test_e1_light_transport_with_an_open_mask_is_t_times_i() -> None:
 
 def test_e1_the_quantised_photo_is_within_half_a_number_of_the_sensor(tmp_path: Path) -> None:
     light = np.round(np.random.default_rng(5).random(bench_rig.GRID), 2)
-    engine = Engine.from_config(bench_rig.config(tmp_path))
-    engine.start()
-    asked = {"goal": "illuminated", "illumination": light.tolist(), "codes": 8}
-    result = bench_rig.capture(engine, msgspec.convert(asked, CaptureRequest))
-    assert result.error is None and result.folder is not None
-    manifest = read_manifest(Path(result.folder))
-    record, shot = manifest.run, manifest.run.shots[0]
+    config = bench_rig.config(tmp_path)
+    made = take(config, goal="illuminated", illumination=light.tolist(), codes=8)
+    record, shot = made.manifest.run, made.manifest.run.shots[0]
     gain = record.profile.row(shot.iso).gain_e_per_dn
-    weight_s = manifest.realised["white"]["weight_s"]
+    weight_s = made.manifest.realised["white"]["weight_s"]
     unit = gain * shot.f_number**2 / np.array(record.responsivity_e) / weight_s
-    with np.load(Path(result.folder) / "probe.npz") as data:
-        image = data["image"]
     lit = light.astype(np.float32).astype(float).ravel()
     truth = (bench_rig.transport() @ lit).reshape(*bench_rig.GRID, 1)
-    off_dn = np.abs(image - truth) / unit
+    off_dn = np.abs(made.image - truth) / unit
     assert off_dn.max() <= 0.5 + 1e-6
     assert off_dn.max() > 0.05  # it is quantised indeed
 

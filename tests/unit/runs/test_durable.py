@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdcd.capture.engine import Engine
 from pdcd.errors import NoSpaceError, PdcdError, disk_errors
 from pdcd.pictures.written.picture_files import write_png
-from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.manifest import MANIFEST, MANIFEST_DIGEST
 from tests import bench_rig
+from tests.taken import take
 
 Step = tuple[str, Path]
 
@@ -42,12 +41,7 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> list[Step]:
 def test_files_before_the_manifest_folders_before_the_name(
     tmp_path: Path, steps: list[Step]
 ) -> None:
-    engine = Engine.from_config(bench_rig.config(tmp_path))
-    engine.start()
-    result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=4))
-    engine.stop()
-    assert result.folder is not None, result.error
-    final = Path(result.folder).resolve()
+    final = take(bench_rig.config(tmp_path), codes=4).folder.resolve()
     partial = final.with_name(f"{final.name}.partial")
     files = {partial / p.relative_to(final) for p in final.rglob("*") if p.is_file()}
     folders = {partial / p.relative_to(final) for p in final.rglob("*") if p.is_dir()}

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.capture.engine import Engine
 from pdcd.capture.salvage import decode_partial
 from pdcd.capture.worker.worker import Worker
 from pdcd.cli.main import main
@@ -25,22 +24,21 @@ from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify import verify_run
 from tests import bench_rig
+from tests.taken import started, take_with
 
 EVIL = "</script><b onclick=x()>&amp;{{data}}\u202e\x1b[2J"
 
 
 def captured(folder: Path, **fields: Any) -> CaptureResult:
     folder.mkdir(exist_ok=True)
-    engine = Engine.from_config(bench_rig.config(folder))
-    engine.start()
-    result = engine.capture(
-        CaptureRequest(**{"goal": "indirect", "codes": 8, **fields}),
-        job="job",
-        emit=lambda _: None,
-        cancelled=lambda: False,
-        report=True,
-    )
-    engine.stop()
+    with started(bench_rig.config(folder)) as engine:
+        result = engine.capture(
+            CaptureRequest(**{"goal": "indirect", "codes": 8, **fields}),
+            job="job",
+            emit=lambda _: None,
+            cancelled=lambda: False,
+            report=True,
+        )
     assert result.state == "done", result.error
     return result
 
@@ -78,12 +76,10 @@ def test_no_page_where_it_is_dear_or_unwanted(
     result = captured(tmp_path)
     assert "report.html" not in result.files
     assert verify_run(Path(str(result.folder))).later == ()
-    engine = Engine.from_config(bench_rig.config(tmp_path))
     monkeypatch.undo()
-    engine.start()
-    plain = bench_rig.capture(engine, CaptureRequest(goal="white", codes=4), job="plain")
-    engine.stop()
-    assert "report.html" not in plain.files
+    with started(bench_rig.config(tmp_path)) as engine:
+        plain = take_with(engine, "plain", goal="white", codes=4)
+    assert "report.html" not in plain.result.files
 
 
 def test_a_page_that_cannot_be_made_costs_the_run_nothing(
@@ -126,16 +122,14 @@ def test_a_changed_run_gets_no_page(folder: Path) -> None:
 
 
 def test_a_run_that_was_cut_has_a_page_that_says_so(tmp_path: Path) -> None:
-    engine = Engine.from_config(bench_rig.config(tmp_path))
     armed: list[str] = []
-    engine.start()
-    cut = engine.capture(
-        CaptureRequest(goal="indirect", codes=8, parts=4, out=str(tmp_path)),
-        job="job",
-        emit=lambda event: armed.append(event.shot) if isinstance(event, ShotArmed) else None,
-        cancelled=lambda: "coded-3" in armed,
-    )
-    engine.stop()
+    with started(bench_rig.config(tmp_path)) as engine:
+        cut = engine.capture(
+            CaptureRequest(goal="indirect", codes=8, parts=4, out=str(tmp_path)),
+            job="job",
+            emit=lambda event: armed.append(event.shot) if isinstance(event, ShotArmed) else None,
+            cancelled=lambda: "coded-3" in armed,
+        )
     made = decode_partial(Path(str(cut.folder)))
     assert made.missing == ("coded-3", "coded-4")
     text = write_report(Path(made.folder)).read_text()

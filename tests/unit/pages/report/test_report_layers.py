@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, PanelConfig
-from pdcd.capture.engine import Engine
 from pdcd.pages.report import layers
 from pdcd.pages.report.layers import AnswerTruth
 from pdcd.pages.report.packing import block_size_bytes
@@ -20,10 +19,9 @@ from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.picture import PictureWithErrors
 from pdcd.pictures.truth import read_known_answer
 from pdcd.pictures.upright import FieldSampler, FieldView
-from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.folder import read_manifest
 from pdcd.verdict.error_budget import make_error_budget
 from tests import bench_rig
+from tests.taken import take
 
 LARGE = 1424, 2136
 """Quads of a body of 4272 x 2848 samples."""
@@ -80,12 +78,8 @@ def test_a_page_of_squares_of_quads_shows_what_one_of_all_quads_does(
     camera = CameraConfig(frame_quads=frame, place=Placing(turn_deg=6.0, scale=1.1))
     panel = PanelConfig(size_px=(128, 96))
     config = bench_rig.config(tmp_path, camera=camera, projector=panel, mask=panel)
-    engine = Engine.from_config(config)
-    engine.start()
-    result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=16, parts=4))
-    engine.stop()
-    folder = Path(str(result.folder))
-    record = read_manifest(folder).run
+    made = take(config, codes=16, parts=4)
+    folder, record = made.folder, made.manifest.run
     side = layers.choose_bin_side(3, record)
     assert side == squares
     rooms = Darkroom(folder, record), Darkroom(folder, record)
