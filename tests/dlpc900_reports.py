@@ -186,6 +186,7 @@ def read_runs(body: bytes, width: int, height: int) -> NDArray[np.uint8]:
                 at += 3 * n
         assert place // width == (place + n - 1) // width, "a piece goes beyond its line"
         place += n
+        assert (place - 1) // width == (place - n) // width, "a piece goes beyond its line"
         assert place <= len(out), "beyond the last line"
 
 

@@ -1,17 +1,12 @@
 """Benches whose devices lie anywhere, with maps that are given exactly: is the full-resolution
 indirect photo as good as on an aligned bench, and is a flat scene flat?
 
-    python -m tests.bench.placed --seeds 20
-
 Drawing, the mock bench of pixels and decoding take part; the sensor does not: there is no noise and
 no rounding.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
-import time
 from dataclasses import dataclass
 
 import msgspec
@@ -34,11 +29,8 @@ from pdcd.virtual.optics.products import PanelExposure
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.effects import LowRankEffect, make_direct_effects
 from pdcd.virtual.scene.scene import Scene
-from tests import world
 from tests.frame_logs import make_log
 
-GRIDS = {(48, 64): (300, 225), (96, 128): (520, 390)}
-"""Cells, and the camera's quads (width, height) that look at them."""
 PARTS = 4
 """Parts of a cell along an axis in which a pattern at cell pitch is looked for."""
 
@@ -153,37 +145,3 @@ def at_pitch(config: Config, picture: Picture, bench: OpticalBench) -> float:
     count = np.bincount(folded, minlength=PARTS**2)
     sums = np.bincount(folded, light, minlength=PARTS**2)
     return float(np.abs(sums[count > 0] / count[count > 0] / light.mean() - 1.0).max())
-
-
-def say(line: str) -> None:
-    """Write a line now: the next one may take a minute."""
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()
-
-
-def main() -> None:
-    """Judge many benches and print their figures, for each grid beside the aligned one's."""
-    world.enter()
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--codes", type=int, default=128)
-    parser.add_argument("--cells", choices=[f"{c}x{r}" for r, c in GRIDS], action="append")
-    args = parser.parse_args()
-    for grid in GRIDS:
-        if args.cells and f"{grid[1]}x{grid[0]}" not in args.cells:
-            continue
-        config = aligned(grid, GRIDS[grid])
-        best = judge(config, args.codes)
-        say(f"{grid}: aligned {best.rms_error:.4%}, at cell pitch {best.at_pitch:.4%}")
-        for seed in range(args.seeds):
-            start = time.process_time()
-            found = judge(anywhere(config, seed), args.codes)
-            times = found.rms_error / best.rms_error
-            say(
-                f"{grid} seed {seed}: {found.rms_error:.4%} ({times:.2f} times), at cell pitch "
-                f"{found.at_pitch:.4%}, {time.process_time() - start:.1f} s"
-            )
-
-
-if __name__ == "__main__":
-    main()

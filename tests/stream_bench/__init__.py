@@ -2,5 +2,5 @@
 
 `recorded` : photos of a stream before two virtual DMDs, made beforehand. `players` : a display that
 shows them again in real time, and the camera and the mock in processes of their own. `meter` : what
-it costs. `modes` : what is measured.
+it costs.
 """

@@ -36,6 +36,7 @@ from pdcd.recipes.parts import list_parts
 from pdcd.runs.recording import StreamListener
 from pdcd.sensor.raw import read_raw
 from pdcd.virtual.scene.scene import Scene
+from tests.taken import started
 
 SIZES = {
     "whole": ((640, 480), (48, 64)),
@@ -136,12 +137,8 @@ def make_request(codes: int, rate_hz: float = 1000.0) -> StreamRequest:
 def mock_engine(size: str) -> Iterator[Engine]:
     """An engine with the mock's camera."""
     with tempfile.TemporaryDirectory() as folder:
-        engine = Engine.from_config(make_config(Path(folder), size, served=False))
-        engine.start()
-        try:
+        with started(make_config(Path(folder), size, served=False)) as engine:
             yield engine
-        finally:
-            engine.stop()
 
 
 def record_stream(request: StreamRequest, size: str, *, ring: int = RING) -> RecordedStream:

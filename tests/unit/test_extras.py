@@ -16,6 +16,7 @@ from pdcd import extras
 from pdcd.errors import DriverUnavailable
 from pdcd.extras import BENCH, OPTIONAL, TARGETS, WITH_BENCH, require_bench, suggest_install
 from tests.places import ROOT
+from tests.wheels import find_base_python
 
 OTHERS = re.compile(r"pip install ['\"]?pdcd|['\"`]pdcd\[|pdcd\[(?:dev|web|plots|cluster|gphoto2)")
 """Who follows that installs somebody else's program."""
@@ -101,10 +102,9 @@ def test_who_lacks_what_a_bench_needs_is_told_which_and_how_to_get_it(elsewhere:
 @pytest.mark.long
 @pytest.mark.parametrize("own_pip", [False, True])
 def test_the_line_works_as_it_is_printed(tmp_path: Path, own_pip: bool) -> None:
-    base = getattr(sys, "_base_executable", sys.executable)
-    asked = subprocess.run([base, "-m", "pip", "--version"], capture_output=True, check=False)
-    if asked.returncode:
-        pytest.skip(f"{base} has no pip")
+    base = find_base_python()
+    if base is None:
+        pytest.skip("the Python outside of this environment has no pip")
     environment = tmp_path / "an env"
     words = [base, "-m", "venv", *([] if own_pip else ["--without-pip"]), str(environment)]
     subprocess.run(words, check=True)

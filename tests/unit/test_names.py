@@ -9,9 +9,9 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from collections.abc import Iterator
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.places import ROOT
+
 VERBS = frozenset(
     """
     add adjust answer append apply are arm ask assess average balance bind blur build calibrate

@@ -6,9 +6,9 @@ import ast
 import functools
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.places import ROOT
+
 ROOM = "pdcd/files/"
 READERS = frozenset(
     """

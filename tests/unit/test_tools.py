@@ -25,12 +25,32 @@ def fake(folder: Path, name: str, script: str, mode: int = 0o755) -> Path:
     return file
 
 
-def test_a_program_that_answers_is_found(tmp_path: Path) -> None:
-    """On either stream, in any line, whatever its exit status."""
-    file = fake(
-        tmp_path, "paint", 'test "$1" = -version && printf "\\nVersion: Paint 6\\n" >&2; exit 3'
-    )
-    assert search(PAINT, str(tmp_path)) == Found(str(file))
+@pytest.mark.parametrize(
+    ("files", "found"),
+    [
+        # On either stream, in any line, whatever its exit status.
+        (
+            {"a/paint": 'test "$1" = -version && printf "\\nVersion: Paint 6\\n" >&2; exit 3'},
+            "a/paint",
+        ),
+        # The real one behind a stand-in; the first of its names before others.
+        ({"a/paint": "echo no", "b/paint": "echo Version: Paint 6"}, "b/paint"),
+        ({"a/paint": "echo Version: Paint 6", "a/paint7": "echo Version: Paint 7"}, "a/paint7"),
+        # Asked without a display and in no language.
+        (
+            {"a/paint": 'test -z "$DISPLAY" && test "$LC_ALL" = C && echo Version: Paint 6'},
+            "a/paint",
+        ),
+    ],
+)
+def test_a_program_that_answers_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, files: dict[str, str], found: str
+) -> None:
+    monkeypatch.setenv("DISPLAY", ":99")
+    monkeypatch.setenv("LC_ALL", "de_DE.UTF-8")
+    for name, script in files.items():
+        fake(tmp_path / name[0], name[2:], script)
+    assert search(PAINT, f"{tmp_path}/a:{tmp_path}/b") == Found(str(tmp_path / found))
 
 
 def test_a_stand_in_of_the_name_is_not_it(tmp_path: Path) -> None:
@@ -38,18 +58,6 @@ def test_a_stand_in_of_the_name_is_not_it(tmp_path: Path) -> None:
     found = search(PAINT, str(tmp_path))
     assert found.path == ""
     assert found.why == (f"`{file} -version` says 'paint: not installed; Version: Paint 6 is'")
-
-
-def test_the_real_one_behind_a_stand_in_is_found(tmp_path: Path) -> None:
-    fake(tmp_path / "first", "paint", "echo no")
-    file = fake(tmp_path / "second", "paint", "echo Version: Paint 6")
-    assert search(PAINT, f"{tmp_path}/first:{tmp_path}/second") == Found(str(file))
-
-
-def test_the_first_of_its_names_goes_first(tmp_path: Path) -> None:
-    fake(tmp_path, "paint", "echo Version: Paint 6")
-    file = fake(tmp_path, "paint7", "echo Version: Paint 7")
-    assert search(PAINT, str(tmp_path)) == Found(str(file))
 
 
 def test_folders_of_its_own_go_before_path(tmp_path: Path) -> None:
@@ -72,15 +80,6 @@ def test_one_that_never_answers_is_not_it(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(tools, "ANSWER_S", 0.2)
     fake(tmp_path, "paint", "exec sleep 60")
     assert "no answer within 0.2 s" in search(PAINT, str(tmp_path)).why
-
-
-def test_it_is_asked_without_a_display_and_in_no_language(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("DISPLAY", ":99")
-    monkeypatch.setenv("LC_ALL", "de_DE.UTF-8")
-    fake(tmp_path, "paint", 'test -z "$DISPLAY" && test "$LC_ALL" = C && echo Version: Paint 6')
-    assert search(PAINT, str(tmp_path)).path
 
 
 def test_a_library_is_there_when_it_loads() -> None:

@@ -1,4 +1,4 @@
-"""Entry point: ``python -m tests.walk [GOAL] [--grid ROWSxCOLS] [--files] [--route] [--json]``.
+"""Entry point: ``python -m tests.walk [GOAL] [--grid ROWSxCOLS] [--files] [--route]``.
 
 Takes one plain capture on the mock bench, follows it through the source, and weighs the source.
 What is counted, in plain words:
@@ -25,14 +25,12 @@ below is exceeded.
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from tests import world
 from tests.places import ROOT
@@ -121,33 +119,6 @@ def _told(route: Route, notes: Notes, *, steps: bool) -> Iterator[str]:
         yield f"  {count:4} {site}"
 
 
-def in_figures(notes: Notes, routes: list[Route], weight: Weight, over: list[str]) -> Any:
-    """The same for programs."""
-    loaded, called = counted(notes.loaded), counted(notes.called)
-    return {
-        "loaded": {file: weight.lines[file] for file in sorted(loaded)},
-        "called": sorted(called),
-        "routes": {
-            route.held: {
-                "homes": homes(route.held, notes.steps),
-                "moves": route.moves,
-                "returns": route.returns,
-                "steps": [[s.callee, s.function, s.caller, s.line] for s in route.steps],
-            }
-            for route in routes
-        },
-        "files": len(weight.lines),
-        "lines": sum(weight.lines.values()),
-        "test_lines": weight.test_lines,
-        "rooms": weight.rooms,
-        "floors": weight.floors,
-        "long_files": weight.long_files,
-        "long_functions": weight.long_functions,
-        "circles": weight.circles,
-        "over": over,
-    }
-
-
 def main() -> int:
     """The exit status: 1 where something is over its bound."""
     world.enter()
@@ -157,16 +128,12 @@ def main() -> int:
     parser.add_argument("--grid", default="", metavar="ROWSxCOLS", help="cells; default: 48x64")
     parser.add_argument("--files", action="store_true", help="list every file, with its lines")
     parser.add_argument("--route", action="store_true", help="list every move; < is a return")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     notes, weight = walk(given.goal, given.grid), weigh(ROOT, PACKAGES)
     routes = [route_of(name, notes.steps) for name in CLASSES]
     over = faults(len(counted(notes.loaded)), routes[0], weight)
-    if given.json:
-        lines = [json.dumps(in_figures(notes, routes, weight, over), indent=2)]
-    else:
-        told = table(notes, routes, weight, files=given.files, steps=given.route)
-        lines = [*told, *(f"OVER: {fault}" for fault in over)]
+    told = table(notes, routes, weight, files=given.files, steps=given.route)
+    lines = [*told, *(f"OVER: {fault}" for fault in over)]
     sys.stdout.write("\n".join(lines) + "\n")
     return 1 if over else 0
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from tests.goldens.case import Bench, Case
 from tests.goldens.cases.captures import GRID, Capture
+from tests.places import ROOT
 
 FAULTS = {
     "late": 'late = {"20" = 1, "60" = 2}',
@@ -185,5 +185,4 @@ def write_matrix(bench: Bench, name: str, grid: tuple[int, int] = GRID) -> str:
 
 def _copy_example(bench: Bench) -> None:
     """The truth that comes as an example."""
-    example = Path(__file__).parents[3] / "config" / "truth.toml"
-    bench.write("truth.toml", example.read_text())
+    bench.write("truth.toml", (ROOT / "config" / "truth.toml").read_text())
