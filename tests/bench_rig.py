@@ -42,6 +42,7 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.sensor.profile import load_profile
+from tests.places import DATA
 
 Floats = NDArray[np.float64]
 
@@ -83,6 +84,14 @@ def bright_scene(
     transport += np.diag(rng.uniform(0.5, 1.0, cells))
     np.savez(folder / "scene.npz", transport=transport, grid=np.array(grid))
     return SceneConfig(kind="matrix", path=str(folder / "scene.npz"), ambient=ambient)
+
+
+def scene_of(name: str, grid: tuple[int, int] | None = (24, 32)) -> SceneConfig:
+    """A path-traced scene of tests/data, which has 24 x 32 cells, or a preset on others."""
+    path = DATA / f"{name}.npz"
+    if path.exists():
+        return SceneConfig(kind="matrix", path=str(path))
+    return SceneConfig(kind=name, grid=grid)
 
 
 def write_grey_profile(folder: Path) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ from drivers.virtual_dlpc900 import (
     PROJECTOR_SERIAL,
     DmdPanels,
     VirtualDlpc900,
-    VirtualDmdFault,
     VirtualDmdOptions,
     make_bench_bus,
 )
@@ -62,7 +60,6 @@ class DmdPair:
         *,
         row_us: int = LEAST_US,
         unit: VirtualDmdOptions | None = None,
-        faults: tuple[Sequence[VirtualDmdFault], Sequence[VirtualDmdFault]] = ((), ()),
         **options: Any,
     ) -> None:
         panel = PanelConfig(size_px=size_px, refresh_hz=1e6 / row_us)
@@ -75,7 +72,7 @@ class DmdPair:
         self.clock = VirtualClock()
         context = DriverContext(self.config, self.clock)
         units = None if unit is None else (unit, unit)
-        context.shared.usb_backend = usb = make_bench_bus(context, units, faults)
+        context.shared.usb_backend = usb = make_bench_bus(context, units)
         self.devices = usb.devices
         self.bench = MockBench.of(context)
         self.reports: list[list[bytes]] = [[], []]

@@ -90,8 +90,8 @@ def own_network() -> Iterator[bool]:
 class Sheets:
     """A film of random samples, the last of which are remembered; short exposures are black."""
 
-    def __init__(self, seed: int = 0) -> None:
-        self._rng = np.random.default_rng(seed)
+    def __init__(self) -> None:
+        self._rng = np.random.default_rng(0)
         self.exposures: list[VirtualExposure] = []
         self.last: NDArray[np.uint16] = np.zeros((0, 0), np.uint16)
 

@@ -47,11 +47,11 @@ class WholeRig:
         return Client(self.socket)
 
 
-def plug(line: FakeLine, usb: VirtualUsb, name: str = "rts") -> None:
+def plug(line: FakeLine, usb: VirtualUsb) -> None:
     """Put the cable between the line and the body's jack, and its flash contact on CTS."""
 
     def pressed(edge: Edge) -> None:
-        if edge.line == name:
+        if edge.line == "rts":
             with usb._lock:  # the body is not for two threads at once
                 (usb.body.press if edge.level else usb.body.release)()
 

@@ -15,7 +15,7 @@ from types import MappingProxyType
 import msgspec
 
 import pdcd
-from pdcd.bench.tables import Config, SceneConfig
+from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
 from pdcd.client import Client
 from pdcd.planning.given import read_request_arrays
@@ -23,11 +23,9 @@ from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.place import HeldFolder
-from pdcd.virtual.scene.presets import PRESETS
 from tests.bench.measure import REPEATS, peak_mib, timed
 from tests.bench.photo import SCENE
-from tests.bench_rig import from_path
-from tests.places import DATA
+from tests.bench_rig import from_path, scene_of
 from tests.taken import started
 
 PDCD = Path(sys.executable).with_name("pdcd")
@@ -38,10 +36,7 @@ POLL_S = 0.001
 
 def config_for(scene: str, grid: tuple[int, int] | None = None) -> Config:
     """The mock bench before a preset scene of that grid, or before a matrix of tests/data."""
-    table = SceneConfig(kind=scene, grid=grid)
-    if scene not in PRESETS:
-        table = SceneConfig(kind="matrix", path=str(DATA / f"{scene}.npz"))
-    return msgspec.structs.replace(Config(), scene=table)
+    return msgspec.structs.replace(Config(), scene=scene_of(scene, grid))
 
 
 def noisy_errors(cases: Sequence[tuple[str, int, str, int]]) -> list[float]:

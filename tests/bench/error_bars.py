@@ -22,9 +22,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, SceneConfig, ServerConfig
+from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, ServerConfig
 from tests import world
-from tests.places import DATA
+from tests.bench_rig import scene_of
 from tests.taken import take as take_photo
 
 MATRICES = ("corner", "mirror")
@@ -48,11 +48,8 @@ class Found:
 
 def bench(name: str, grid: tuple[int, int], seed: int, folder: Path, **camera: Any) -> Config:
     """The default mock bench before a scene; a path-traced one has its own 24 x 32 cells."""
-    scene = SceneConfig(kind=name, grid=grid)
-    if name in MATRICES:
-        scene = SceneConfig(kind="matrix", path=str(DATA / f"{name}_32x24.npz"))
     return Config(
-        scene=scene,
+        scene=scene_of(f"{name}_32x24" if name in MATRICES else name, grid),
         camera=CameraConfig(seed=seed, **camera),
         limits=LimitsConfig(min_free_bytes=0),
         server=ServerConfig(state_dir=str(folder / "state")),

@@ -141,10 +141,10 @@ def mock_engine(size: str) -> Iterator[Engine]:
             yield engine
 
 
-def record_stream(request: StreamRequest, size: str, *, ring: int = RING) -> RecordedStream:
-    """Take the first set of photos and so many after it."""
+def record_stream(request: StreamRequest, size: str) -> RecordedStream:
+    """Take the first set of photos and `RING` after it."""
     with mock_engine(size) as engine:
-        recorder = _Recorder(engine, ring)
+        recorder = _Recorder(engine)
         listener = StreamListener(recorder.tell, recorder.enough)
         result = engine.stream(request, job=make_job_id(), listener=listener)
         if not recorder.enough():
@@ -188,11 +188,11 @@ def find_rms(values: NDArray[np.floating]) -> float:
 class _Recorder:
     """Looks at the exposures of an engine."""
 
-    def __init__(self, engine: Engine, ring: int) -> None:
+    def __init__(self, engine: Engine) -> None:
         self.photos: list[RecordedPhoto] = []
         self._rig = rig = engine._rig
         self._bench = MockBench.of(rig.context)
-        self._ring, self._before = ring, 0
+        self._before = 0
         self._name = ""
         self._light: NDArray[np.float64] = np.zeros(0)
         self._samples: NDArray[np.uint16] = np.zeros(0, np.uint16)
@@ -215,7 +215,7 @@ class _Recorder:
 
     def enough(self) -> bool:
         """Whether the ring is full."""
-        return bool(self._before) and len(self.photos) >= self._before + self._ring
+        return bool(self._before) and len(self.photos) >= self._before + RING
 
     def _quads(self) -> NDArray[np.float64]:
         open_ns, close_ns = self._bench.exposed_ns()

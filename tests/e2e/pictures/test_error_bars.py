@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.bench.tables import CameraConfig, SceneConfig, ScheduleConfig
+from pdcd.bench.tables import CameraConfig, ScheduleConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
 from pdcd.protocol.events import Event, PartCompleted
@@ -20,7 +20,6 @@ from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.bench.error_bars import bench
 from tests.bench.own_quads import BENCHES, FRAME, take
-from tests.places import DATA
 from tests.sampled import sampled
 
 pytestmark = pytest.mark.whole
@@ -32,13 +31,6 @@ SEEDS = (0, 1)
 UNMEASURED = "error bars do not include the error of the codes"
 
 Events = list[Event]
-
-
-def scene(name: str) -> SceneConfig:
-    """The scene on 24 x 32 cells."""
-    if name in MATRICES:
-        return SceneConfig(kind="matrix", path=str(DATA / f"{name}_32x24.npz"))
-    return SceneConfig(kind=name, grid=(24, 32))
 
 
 def capture(
@@ -55,7 +47,8 @@ def capture(
     out.mkdir(exist_ok=True)
     camera = CameraConfig(noise=noise, seed=seed, readout_s=readout_s)  # type: ignore[arg-type]
     tables: dict[str, Any] = {} if schedule is None else {"schedule": schedule}
-    engine = Engine.from_config(bench_rig.config(out, scene=scene(name), camera=camera, **tables))
+    scene = bench_rig.scene_of(f"{name}_32x24" if name in MATRICES else name)
+    engine = Engine.from_config(bench_rig.config(out, scene=scene, camera=camera, **tables))
     engine.start()
     events: Events = []
     request = CaptureRequest(**{"goal": "indirect", "white": False, "seed": seed, **fields})

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.bench.tables import CameraConfig, PanelConfig, SceneConfig
+from pdcd.bench.tables import CameraConfig, PanelConfig
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
-from tests.places import DATA
+from tests.bench_rig import scene_of
 from tests.taken import capture_on
 
 pytestmark = pytest.mark.whole
@@ -23,12 +23,6 @@ TARGETS = [(name, 0.02) for name in SCENES] + [("corner_32x24", 0.05), ("wax-dis
 AGREE = 0.3
 """How far achieved errors may lie from foreseen ones, relative to these: formulas are good to about
 a quarter."""
-
-
-def scene(name: str) -> SceneConfig:
-    if name.endswith("_32x24"):
-        return SceneConfig(kind="matrix", path=str(DATA / f"{name}.npz"))
-    return SceneConfig(kind=name, grid=(24, 32))
 
 
 def run(folder: Path, request: CaptureRequest, **tables: Any) -> CaptureResult:
@@ -47,7 +41,7 @@ def number(result: CaptureResult, key: str) -> float:
 @pytest.mark.parametrize(("name", "target"), TARGETS)
 def test_achieved_error_is_the_foreseen_one(name: str, target: float, tmp_path: Path) -> None:
     request = CaptureRequest(goal="indirect", error=target, white=False)
-    result = run(tmp_path, request, scene=scene(name), camera=CameraConfig(noise="full"))
+    result = run(tmp_path, request, scene=scene_of(name), camera=CameraConfig(noise="full"))
     foreseen = number(result, "predicted_error")
     assert foreseen <= target
     assert number(result, "rms_error_quads") == pytest.approx(foreseen, rel=AGREE)
@@ -58,7 +52,7 @@ def test_achieved_error_is_the_foreseen_one(name: str, target: float, tmp_path: 
 def test_other_goals_are_foreseen_too(goal: str, tmp_path: Path) -> None:
     extra: dict[str, Any] = {"p": 0.25} if goal == "fraction" else {}
     request = CaptureRequest(goal=goal, seconds=4.0, **extra)  # type: ignore[arg-type]
-    tables: dict[str, Any] = {"scene": scene("open-book"), "camera": CameraConfig(noise="full")}
+    tables: dict[str, Any] = {"scene": scene_of("open-book"), "camera": CameraConfig(noise="full")}
     result = run(tmp_path, request, **tables)
     assert number(result, "rms_error_quads") == pytest.approx(
         number(result, "predicted_error"), rel=AGREE
@@ -72,7 +66,7 @@ def test_leaks_that_are_too_much_for_the_error_are_measured_on_the_way(
 ) -> None:
     """A leak of 2 % of the light that the mask shuts out is nearly as much as is to be seen."""
     tables: dict[str, Any] = {
-        "scene": scene("open-book"),
+        "scene": scene_of("open-book"),
         "mask": PanelConfig(size_px=(1600, 1200), rise_s=0.001, fall_s=0.002, contrast=contrast),
         "camera": CameraConfig(noise="full"),
     }
@@ -85,7 +79,7 @@ def test_leaks_that_are_too_much_for_the_error_are_measured_on_the_way(
 @pytest.mark.long
 def test_many_exposures_have_codes_of_their_own_and_measure_their_error(tmp_path: Path) -> None:
     request = CaptureRequest(goal="indirect", error=0.007, white=False)
-    result = run(tmp_path, request, scene=scene("open-book"), camera=CameraConfig(noise="full"))
+    result = run(tmp_path, request, scene=scene_of("open-book"), camera=CameraConfig(noise="full"))
     assert number(result, "rms_error_quads") <= 0.007
     assert result.summary["sigma_kind"] == "measured"
     parts = result.summary["parts"]
@@ -93,7 +87,7 @@ def test_many_exposures_have_codes_of_their_own_and_measure_their_error(tmp_path
 
 
 def test_time_is_kept(tmp_path: Path) -> None:
-    tables: dict[str, Any] = {"scene": scene("wax-disk"), "camera": CameraConfig(noise="full")}
+    tables: dict[str, Any] = {"scene": scene_of("wax-disk"), "camera": CameraConfig(noise="full")}
     errors = []
     for seconds in (1.0, 8.0):
         request = CaptureRequest(goal="indirect", seconds=seconds)
@@ -107,7 +101,7 @@ def test_time_is_kept(tmp_path: Path) -> None:
 
 def test_exposures_add_up(tmp_path: Path) -> None:
     """Four equal exposures: half the sensor's noise, as many RAW files, one picture again."""
-    tables: dict[str, Any] = {"scene": scene("wax-disk"), "camera": CameraConfig(noise="full")}
+    tables: dict[str, Any] = {"scene": scene_of("wax-disk"), "camera": CameraConfig(noise="full")}
     sigmas = []
     for repeat in (1, 4):
         request = CaptureRequest(goal="indirect", codes=128, pilot=0, parts=1, repeat=repeat)

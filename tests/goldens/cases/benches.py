@@ -169,17 +169,17 @@ def _devices() -> list[Capture]:
     ]  # fmt: skip
 
 
-def write_matrix(bench: Bench, name: str, grid: tuple[int, int] = GRID) -> str:
+def write_matrix(bench: Bench, name: str) -> str:
     """A small synthetic light transport: a bright diagonal, near scattering, a few mirror paths."""
     rng = np.random.default_rng(11)
-    rows, cols = (axis.ravel() for axis in np.indices(grid))
+    rows, cols = (axis.ravel() for axis in np.indices(GRID))
     far = np.hypot(np.subtract.outer(rows, rows), np.subtract.outer(cols, cols))
     n = rows.size
     transport = 0.02 * np.exp(-far / 2.0) + np.diag(0.3 + 0.4 * rng.random(n))
-    mirrored = rows * grid[1] + (grid[1] - 1 - cols)
+    mirrored = rows * GRID[1] + (GRID[1] - 1 - cols)
     some = rng.random(n) < 0.2
     transport[np.arange(n)[some], mirrored[some]] += 0.2
-    np.savez(bench.scratch / name, transport=transport, grid=np.array(grid))
+    np.savez(bench.scratch / name, transport=transport, grid=np.array(GRID))
     return name
 
 

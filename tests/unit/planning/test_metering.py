@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.bench.tables import SceneConfig
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import read_pattern_levels
 from pdcd.planning.make import make_plan
@@ -27,9 +26,7 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import read_raw
-from pdcd.virtual.scene.presets import PRESETS
 from tests import bench_rig
-from tests.places import DATA
 from tests.taken import take
 
 STOPS = tuple(2.0 ** (k / 6.0) for k in range(49))
@@ -122,14 +119,11 @@ def test_codes_of_far_light_are_too_unlike_for_a_few_to_tell(
 def test_the_photo_fills_the_sensor_as_it_is_meant_to(name: str, tmp_path: Path) -> None:
     """Within the third of a stop that the lens steps by, and what 16 codes cannot tell of sharp
     paths; counting all cells alike it would be a stop too dark on the smooth scenes."""
-    scene = SceneConfig(kind=name, grid=(24, 32))
-    if name not in PRESETS:
-        scene = SceneConfig(kind="matrix", path=str(DATA / f"{name}.npz"))
     peaks = []
     for seed in range(3):
         folder = tmp_path / str(seed)
         folder.mkdir()
-        made = take(bench_rig.config(folder, scene=scene), codes=128, seed=seed)
+        made = take(bench_rig.config(folder, scene=bench_rig.scene_of(name)), codes=128, seed=seed)
         run = made.manifest.run
         shot = next(s for s in run.shots if s.name == "coded")
         saturation_dn = run.profile.saturation_dn(shot.iso)
