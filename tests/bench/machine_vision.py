@@ -76,7 +76,7 @@ def measure(repeats: int) -> dict[str, float]:
     request = CaptureRequest(
         goal="indirect", codes=CODES, pilot=0, parts=1, black_level="none", keep_raw="none"
     )
-    tables = {
+    tables: dict[str, Any] = {
         "camera": CameraConfig(
             driver=DRIVER, profile="mono", noise="none", f_number=DIM, frame_quads=FRAME_PX
         ),

@@ -25,7 +25,9 @@ from pdcd.presenter.xgrab import RootGrabber
 from pdcd.protocol.events import ENDS, JobCancelled, JobDone, JobFailed
 from pdcd.protocol.request import CaptureRequest
 from tests import x11_rig
+from tests.processes import ended, soon
 from tests.real_daemon import connect, daemon, last_event, wait_for_codes
+from tests.soak.processes import of_role
 from tests.xserver import QUARTER, XServer, run
 
 pytestmark = pytest.mark.timeout(180)
@@ -87,10 +89,7 @@ def lit_after(kill: Callable[[], None], server: XServer) -> float:
     """For how many seconds after a kill any pixel of the X screen was still lit."""
     grabber = RootGrabber(server.display)
     try:
-        give_up_s = time.monotonic() + PATIENCE_S
-        while not grabber.grab().any():
-            assert time.monotonic() < give_up_s, "no code is on the panels"
-            time.sleep(LOOK_S)
+        assert soon(lambda: bool(grabber.grab().any())), "no code is on the panels"
         killed_s = last_s = time.monotonic()
         kill()
         while time.monotonic() - killed_s < x11_rig.WATCHED_S:
@@ -100,31 +99,6 @@ def lit_after(kill: Callable[[], None], server: XServer) -> float:
         return last_s - killed_s
     finally:
         grabber.close()
-
-
-def presenter_of(daemon_pid: int) -> int:
-    """Process number of the daemon's display process."""
-    for entry in Path("/proc").glob("[0-9]*"):
-        try:
-            words = (entry / "cmdline").read_bytes().split(b"\0")
-            parent = (entry / "stat").read_bytes().rpartition(b")")[2].split()[1]
-        except OSError:  # it has ended meanwhile
-            continue
-        if b"pdcd.presenter" in words and int(parent) == daemon_pid:
-            return int(entry.name)
-    raise AssertionError("the daemon has no display process")
-
-
-def wait_until_gone(pid: int) -> None:
-    """Wait for the end of a process that is no child of this one."""
-    try:
-        watched = os.pidfd_open(pid)
-    except ProcessLookupError:
-        return
-    try:
-        assert select.select([watched], [], [], PATIENCE_S)[0], f"process {pid} lives on"
-    finally:
-        os.close(watched)
 
 
 def end_of(client: Client, job: str) -> JobDone | JobFailed | JobCancelled:
@@ -144,11 +118,11 @@ def test_a_killed_daemon_leaves_black_panels_and_a_closed_shutter(
             connect(socket) as client,
         ):
             wait_for_codes(client)
-            presenter = presenter_of(process.pid)
+            (presenter,) = of_role(process.pid, "presenter")
             box.hears(b"01")  # closed by the start, opened by the exposure
             lit_s.append(lit_after(process.kill, x_quarter))
             box.hears(b"0")
-            wait_until_gone(presenter)
+            assert ended(presenter)
             assert not x11_rig.root_pixels(x_quarter).any()
     x11_rig.assert_dark_in_time(lit_s)
 
@@ -163,7 +137,7 @@ def test_a_killed_presenter_leaves_black_panels_a_closed_shutter_and_a_daemon(
         while x11_rig.again(lit_s):
             job = wait_for_codes(client)
             box.hears(b"1")
-            presenter = presenter_of(process.pid)
+            (presenter,) = of_role(process.pid, "presenter")
             lit_s.append(lit_after(lambda: os.kill(presenter, signal.SIGKILL), x_quarter))  # noqa: B023
             last = end_of(client, job)
             assert isinstance(last, JobFailed) and last.error is not None
@@ -182,7 +156,8 @@ def test_the_next_capture_after_a_killed_presenter_works(
     trigger = TriggerConfig()
     with served(tmp_path, x_quarter, trigger) as (process, socket), connect(socket) as client:
         job = wait_for_codes(client)
-        os.kill(presenter_of(process.pid), signal.SIGKILL)
+        (presenter,) = of_role(process.pid, "presenter")
+        os.kill(presenter, signal.SIGKILL)
         assert isinstance(end_of(client, job), JobFailed)
         result = client.capture(NEXT)
         assert result.state == "done", result.error

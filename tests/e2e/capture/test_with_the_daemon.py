@@ -10,37 +10,21 @@ import pytest
 
 from pdcd.errors import PlanError
 from pdcd.protocol.request import CaptureRequest
-from tests.processes import soon
+from tests.processes import LONG_S
 from tests.real_daemon import connect, daemon
+from tests.soak.processes import gone, of_role
 
 REQUEST = CaptureRequest(goal="indirect", codes=8, white=False)
-
-
-def work_process(daemon_pid: int) -> int:
-    """Process number of the daemon's work process."""
-    threads = Path(f"/proc/{daemon_pid}/task").glob("*/children")
-    for pid in (int(word) for thread in threads for word in thread.read_text().split()):
-        if b"pdcd.capture.worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
-            return pid
-    raise AssertionError("the daemon has no work process")
-
-
-def gone(pid: int) -> bool:
-    """Whether a process has ended; nobody may have waited for it yet."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
-    except OSError:
-        return True
 
 
 @pytest.mark.long
 def test_a_killed_daemon_takes_its_work_process_along_even_a_frozen_one(tmp_path: Path) -> None:
     with daemon(tmp_path) as (process, path), connect(path) as client:
         assert client.plan(REQUEST).codes == 8
-        pid = work_process(process.pid)
+        (pid,) = of_role(process.pid, "decoder")
         os.kill(pid, signal.SIGSTOP)  # so that it cannot look at its socket
         process.kill()
-        assert soon(lambda: gone(pid)), f"process {pid} lives on"  # by design it ends at once
+        assert not gone({pid}, LONG_S)  # by design it ends at once
 
 
 @pytest.mark.long
@@ -49,11 +33,11 @@ def test_the_loop_goes_on_beside_a_plan_that_does_not_and_only_the_daemon_ends_i
 ) -> None:
     with daemon(tmp_path) as (process, path), connect(path) as client, connect(path) as other:
         assert client.plan(REQUEST).codes == 8
-        pid = work_process(process.pid)
+        (pid,) = of_role(process.pid, "decoder")
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             os.kill(pid, number)  # as systemd and a terminal send it to the whole group
         assert client.plan(REQUEST).codes == 8
-        assert work_process(process.pid) == pid
+        assert of_role(process.pid, "decoder") == [pid]
         os.kill(pid, signal.SIGSTOP)
         asked = client._send("capture.plan", {"goal": "indirect", "codes": 8})
         assert other.status().state == "busy"
@@ -61,7 +45,7 @@ def test_the_loop_goes_on_beside_a_plan_that_does_not_and_only_the_daemon_ends_i
         with pytest.raises(PlanError, match="signal 9"):
             client._answer(asked, 60.0, None)
         assert client.plan(REQUEST).codes == 8
-        pid = work_process(process.pid)
+        (pid,) = of_role(process.pid, "decoder")
         process.terminate()
         assert process.wait(60.0) == 0
-        assert gone(pid)
+        assert not gone({pid}, 0.0)
