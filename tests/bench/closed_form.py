@@ -105,11 +105,7 @@ def _plot(found: Found, path: Path) -> None:
         for panels, style in (("ideal", "--"), ("defects", "-")):
             counts = [key[3] for key in found if key[:3] == ("quarter", panels, grid)]
             values = [found["quarter", panels, grid, count] for count in counts]
-            how = {
-                "color": plots.colour(index),
-                "marker": plots.marker(index),
-                "label": f"{grid_name(grid)} cells, {panels}",
-            }
+            how = plots.style(index, label=f"{grid_name(grid)} cells, {panels}")
             left.plot(counts, [v["streamed_s"] for v in values], style, **how)
             right.plot(counts, [v["streamed_mib"] for v in values], style, **how)
     plots.limit(left, AIM_S, f"{AIM_S:g} s")

@@ -169,18 +169,14 @@ def _table(errors: Errors, title: str) -> Table:
 
 def _plot(errors: Errors, path: Path, what: str) -> None:
     scenes = _names(errors)
-    across = min(len(scenes), 3)
-    figure, axes = plots.panels(across, -(-len(scenes) // across), scale=0.66, same_y=True)
+    figure, axes = plots.scene_panels(len(scenes))
     for scene, one in zip(scenes, axes, strict=False):
         for index, family in enumerate(dict.fromkeys(key[2] for key in errors)):
             counts = [key[1] for key in errors if key[0] == scene and key[2] == family]
             values = np.array([errors[scene, count, family] for count in counts])
             shares = np.where(values < ROUNDING, np.nan, 100.0 * values)
-            how = {"marker": plots.marker(index), "color": plots.colour(index), "ms": 5}
-            one.plot(counts, shares, **how, label=family)
+            one.plot(counts, shares, **plots.style(index, ms=5, label=family))
         plots.finish(one, scene, "number of codes K", "RMS error in %")
-    for empty in axes[len(scenes) :]:
-        empty.set_axis_off()
     figure.suptitle(what, fontsize=11)
     plots.legend(*plots.find_room(axes, len(scenes)))
     plots.save(figure, path)

@@ -133,8 +133,7 @@ def _table(found: Found, noise: Noise, title: str) -> Table:
 
 def _plot(found: Found, path: Path) -> None:
     scenes = list(dict.fromkeys(key[0] for key in found))
-    across = min(len(scenes), 3)
-    figure, axes = plots.panels(across, -(-len(scenes) // across), scale=0.66, same_y=True)
+    figure, axes = plots.scene_panels(len(scenes))
     for scene, one in zip(scenes, axes, strict=False):
         for index, way in enumerate(WAYS):
             for noise, style in (("full", f"{plots.marker(index)}-"), ("none", ":")):
@@ -143,8 +142,6 @@ def _plot(found: Found, path: Path) -> None:
                 label = way if noise == "full" else None
                 one.plot(times, errors, style, color=plots.colour(index), label=label, markersize=4)
         plots.finish(one, scene, "shutter open in s", "RMS error in %", base=10)
-    for empty in axes[len(scenes) :]:
-        empty.set_axis_off()
     title = f"codes ({FIRST} as in the paper)"
     plots.legend(*plots.find_room(axes, len(scenes)), title)
     plots.save(figure, path)

@@ -138,8 +138,7 @@ def _plot(errors: Errors, path: Path) -> None:
         for index, way in enumerate((COINS, *WAYS)):
             points = [(k, 100.0 * e) for (s, k, w), e in errors.items() if (s, w) == (scene, way)]
             label = "coins" if way == COINS else way
-            how = {"marker": plots.marker(index), "color": plots.colour(index), "ms": 5}
-            one.plot(*zip(*points, strict=True), **how, label=label)
+            one.plot(*zip(*points, strict=True), **plots.style(index, ms=5, label=label))
         plots.finish(one, scene, "number of codes K", "RMS error in %")
     plots.legend(axes[1])
     plots.save(figure, path)

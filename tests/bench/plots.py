@@ -29,6 +29,11 @@ def marker(index: int) -> str:
     return MARKERS[index % len(MARKERS)]
 
 
+def style(index: int, **more: Any) -> dict[str, Any]:
+    """Both, as keywords of `plot`."""
+    return {"marker": marker(index), "color": colour(index), **more}
+
+
 def panels(
     across: int, down: int = 1, *, scale: float = 1.0, same_y: bool = False
 ) -> tuple[Figure, list[Any]]:
@@ -38,6 +43,15 @@ def panels(
     figure = Figure(figsize=size_in, layout="constrained")
     axes = figure.subplots(down, across, squeeze=False, sharey=same_y)
     return figure, list(axes.ravel())
+
+
+def scene_panels(count: int) -> tuple[Figure, list[Any]]:
+    """Small axes for so many scenes, three beside each other, with one scale of y for all."""
+    across = min(count, 3)
+    figure, axes = panels(across, -(-count // across), scale=0.66, same_y=True)
+    for empty in axes[count:]:
+        empty.set_axis_off()
+    return figure, axes
 
 
 def finish(axes: Any, title: str, x_label: str, y_label: str, *, base: int = 2) -> None:

@@ -136,8 +136,7 @@ def _plot(code_s: CodeTimes, path: Path) -> None:
         for index, family in enumerate(TIMED):
             times = [code_s[family, grid, count] for count in COUNTS]
             label = f"{family}, {grid_name(grid)} cells"
-            how = {"marker": plots.marker(index), "color": plots.colour(index)}
-            axes.plot(COUNTS, times, style, **how, label=label)
+            axes.plot(COUNTS, times, style, **plots.style(index, label=label))
     plots.finish(axes, "Time to make a set of codes", "number of codes K", "wall time in s")
     plots.legend(axes)
     plots.save(figure, path)

@@ -87,8 +87,7 @@ def _plot(found: Found, path: Path) -> None:
             counts = [key[2] for key in found if key[:2] == (window, grid)]
             times = [found[window, grid, count]["time_s"] for count in counts]
             label = f"{grid_name(grid)} cells, {window}"
-            how = {"marker": plots.marker(index), "color": plots.colour(index)}
-            axes.plot(counts, times, style, **how, label=label)
+            axes.plot(counts, times, style, **plots.style(index, label=label))
     plots.limit(
         axes, SOCKET_LIMIT_S, f"{SOCKET_LIMIT_S:g} s for {CELLS}, {SOCKET_COUNT}, {SOCKET_WINDOW}"
     )
