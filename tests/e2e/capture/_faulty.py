@@ -1,6 +1,6 @@
 """The work process with one fault in it: what it does instead of decoding a RAW file.
 
-`_faulty.py FAULT FD`; FAULT is "segfault", "abort", "hang" or "exit".
+`_faulty.py FAULT FD`; FAULT is "segfault", "hang" or "exit".
 """
 
 from __future__ import annotations
@@ -22,8 +22,6 @@ def main() -> int:
     def imread(*args: Any) -> NoReturn:
         if fault == "segfault":
             ctypes.string_at(0)
-        elif fault == "abort":
-            os.abort()
         elif fault == "hang":
             time.sleep(3600.0)
         os._exit(3)

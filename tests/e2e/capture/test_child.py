@@ -126,35 +126,6 @@ def test_a_killed_process_fails_its_job_and_the_next_one_works(
 
 
 @pytest.mark.long
-def test_a_process_killed_while_it_is_asked_for_pictures(
-    engine: Engine, run: Callable[..., CaptureResult], tmp_path: Path
-) -> None:
-    asked = Beats(3, lambda: send(engine, signal.SIGKILL))
-    decoding: list[Event] = []
-
-    def freeze(event: Event) -> None:
-        if event.type == "decoding":
-            send(engine, signal.SIGSTOP)
-            decoding.append(event)
-
-    result = run(emit=freeze, cancelled=lambda: bool(decoding) and asked())
-    assert_failed_safely(engine, result, tmp_path)
-    assert result.error is not None and "signal 9" in str(result.error["message"])
-
-
-@pytest.mark.long
-def test_a_process_killed_while_idle_is_replaced_without_a_word_to_the_user(
-    engine: Engine, run: Callable[..., CaptureResult]
-) -> None:
-    assert run("before").state == "done"
-    child = child_of(engine)._child
-    assert child is not None
-    child.process.kill()
-    child.process.wait(60.0)
-    assert run("after").state == "done"
-
-
-@pytest.mark.long
 def test_a_frozen_process_is_cancelled_by_force(
     engine: Engine, run: Callable[..., CaptureResult]
 ) -> None:
@@ -235,24 +206,6 @@ def test_a_crash_in_the_raw_library_is_a_failure_of_the_job(
         assert result.error["message"] == f"the decoding process {words}"
     finally:
         engine.stop()
-
-
-@pytest.mark.timeout(20, method="thread")  # a wait without end could not be broken off otherwise
-def test_whoever_waits_for_a_silent_process_is_asked_all_the_time(engine: Engine) -> None:
-    child = SpawnedWorker(child_of(engine)._facts, FOREVER)
-    signs: list[float] = []
-
-    def alive() -> None:
-        signs.append(time.monotonic())
-        if len(signs) == 8:
-            raise Cancelled("nobody waits")
-
-    try:
-        with pytest.raises(Cancelled):
-            child.do(Watch(alive), Worker.plan, REQUEST, {}, None, None)
-    finally:
-        child.stop()
-    assert len(signs) == 8
 
 
 def test_a_process_that_was_started_before_is_taken(tmp_path: Path) -> None:
@@ -344,19 +297,6 @@ def test_a_folder_named_by_a_descriptor_is_the_same_for_the_child(
     finally:
         os.close(held)
     assert "coded.primal" in read_patterns(tmp_path)
-
-
-def test_without_a_plan_there_is_no_work(engine: Engine) -> None:
-    child = child_of(engine)
-    child.do(Watch(), Worker.plan, REQUEST, {}, None, None)
-    with pytest.raises(PdcdError, match="no run folder"):
-        child.do(Watch(), Worker.develop)
-
-    def stranger(worker: Worker, watch: Watch) -> None:
-        pass
-
-    with pytest.raises(PdcdError, match="no work is called"):
-        child.do(Watch(), stranger)
 
 
 def test_ten_deaths_leave_no_descriptor_and_no_process_behind(tmp_path: Path) -> None:

@@ -71,8 +71,7 @@ def copy(kept: Path, tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(
     ("goal", "p", "diagonal", "off", "window"),
-    [("white", None, 1, 1, "whole"), ("indirect", None, 0, 1, "whole"),
-     ("direct", None, 1, 0, "whole"), ("fraction", 0.5, 1, 0.5, "whole"),
+    [("white", None, 1, 1, "whole"), ("fraction", 0.5, 1, 0.5, "whole"),
      ("fraction", 0.0625, 1, 0.0625, "whole"), ("indirect", None, 0, 1, "quarter"),
      ("fraction", 0.25, 1, 0.25, "quarter")],
 )  # fmt: skip

@@ -11,7 +11,6 @@ from typing import IO, Any
 import msgspec
 import pytest
 
-from pdcd.bench.tables import CameraConfig, RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DeviceLost, ExposureError
 from pdcd.protocol.events import Event
@@ -241,22 +240,3 @@ def test_too_little_space_is_refused_before_the_shutter_opens(tmp_path: Path) ->
     assert result.error is not None and result.error["kind"] == "no_space"
     assert "shutter_open" not in events
     assert_closed(engine, result, tmp_path)
-
-
-@pytest.mark.parametrize("policy", ["abort", "flag"])
-def test_missed_refreshes(policy: str, tmp_path: Path) -> None:
-    config = bench_rig.config(
-        tmp_path,
-        display=bench_rig.DEFECTS["display"],
-        rig=RigConfig(on_miss=policy),  # type: ignore[arg-type]
-        camera=CameraConfig(noise="none", f_number=16.0),  # white is shown as often as planned
-    )
-    engine = Engine.from_config(config)
-    engine.start()
-    result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=8), "job")
-    if policy == "abort":
-        assert result.error is not None and result.error["kind"] == "sync"
-        assert_closed(engine, result, tmp_path)
-    else:
-        assert result.state == "done"
-        assert result.summary["missed_refreshes"] == 2 + (2 + 1 + 1 + 1)  # white, coded

@@ -96,9 +96,6 @@ def test_errors_are_as_large_as_sigma_says(tmp_path: Path) -> None:
     [
         ({"rows": [6, 0]}, "no row 6"),
         ({"rows": [0, 0], "parts": 4}, "parts"),
-        ({"rows": [0, 0], "method": "multi-image"}, "single patterns"),
-        ({"rows": [0, 0], "illumination": np.ones(GRID).tolist()}, "takes no illumination"),
-        ({"rows": [0, 0], "shift": [0, 1]}, "takes no shift"),
         ({"goal": "white", "rows": [0, 0]}, "takes no rows"),
     ],
 )

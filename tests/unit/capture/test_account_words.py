@@ -1,4 +1,4 @@
-"""What is said of a job when it has ended: figures, warnings and manifest, each from its source."""
+"""What is said of a job when it has ended: figures and warnings, each from its source."""
 
 from __future__ import annotations
 
@@ -11,22 +11,16 @@ from typing import Any
 import pytest
 
 from pdcd.bench.stops import AbsoluteScale
-from pdcd.capture import job
 from pdcd.capture.job import (
     MAX_NAMED,
     TOLD,
     describe_shots_taken,
     list_run_warnings,
     make_failure,
-    make_manifest,
-    make_run_start,
     merge_warnings,
     summarise_run,
 )
 from pdcd.errors import Cancelled, DiskError, ExposureError, PdcdError
-from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.views import OwnerView
-from pdcd.runs.record import SCHEMA_VERSION
 
 NAMES = tuple("abcdefghij")
 
@@ -137,49 +131,6 @@ def test_a_finished_run_in_figures() -> None:
     assert bare["rms_sigma"] is None and bare["predicted_error"] is None
     assert summarise_run(plan, developed(decided=("a", "b")))["decided"] == "a; b"
     assert summarise_run(plan, developed(blind=0.125))["blind_share"] == 0.125
-
-
-def begun(owner: OwnerView | None) -> Any:
-    request = CaptureRequest(goal="indirect", codes=4)
-    job: Any = SimpleNamespace(name="job", owner=owner, request=request)
-    plan: Any = {"codes": 4}
-    rig: Any = {"name": "rig"}
-    config: Any = {"table": 1}
-    return make_run_start(job, plan, config=config, mock=True, rig=rig, started_utc="2026")
-
-
-def test_what_is_known_before_the_first_exposure_is_kept_in_the_manifest(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(job, "list_versions", lambda: {"pdcd": "1"})
-    monkeypatch.setattr(job, "find_git_commit", lambda: "1234")
-    monkeypatch.setattr(job, "format_utc_now", lambda: "2027")
-    first = begun(OwnerView(uid=1, pid=2, user="ada"))
-    assert begun(None).owner == {} and first.owner == {"uid": 1, "pid": 2, "user": "ada"}
-    head = {
-        "job": "job", "mock": True, "owner": first.owner, "started_utc": "2026",
-        "request": {"goal": "indirect", "codes": 4}, "versions": {"pdcd": "1"},
-        "git_commit": "1234", "drivers": {"name": "rig"}, "config": {"table": 1},
-    }  # fmt: skip
-    for name, value in head.items():
-        assert getattr(first, name) == value or name == "request"
-    assert first.plan == {"codes": 4} and first.request["codes"] == 4
-    done = developed()
-    files: Any = {"log.jsonl": "record"}
-    meter: Any = ["test"]
-    for missing, state in (((), "done"), (["black"], "partial")):
-        found = make_manifest(
-            first, {"codes": 8}, done, summary={"shots": 3}, warnings=["dim"], meter=meter,
-            files=files, missing=missing,
-        )  # fmt: skip
-        rest = {
-            "schema": SCHEMA_VERSION, "state": state, "finished_utc": "2027", "plan": {"codes": 8},
-            "run": done.record, "realised": {"a": {}}, "summary": {"shots": 3},
-            "warnings": ("dim",), "exif": done.exif, "meter": ("test",), "files": files,
-            "missing": tuple(missing),
-        }  # fmt: skip
-        for name, value in {**head, **rest, "request": first.request}.items():
-            assert getattr(found, name) == value, name
 
 
 class Folder:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +18,6 @@ from pdcd.protocol.events import Event, PicturesArchived
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from tests import bench_rig
-
-
-@pytest.fixture
-def engine(tmp_path: Path) -> Iterator[Engine]:
-    engine = Engine.from_config(bench_rig.config(tmp_path))
-    engine.start()
-    yield engine
-    engine.stop()
 
 
 @pytest.mark.parametrize(("device", "method"), [("display", "black"), ("shutter", "close")])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +12,7 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from pdcd.bench.calibration import MeasuredValue
+from pdcd.bench.calibration import PROFILE, MeasuredValue
 from pdcd.calibration.steps import GOES_BY, STALE, STEP_SCRIPTS
 from pdcd.capture.keeping import (
     CalibrationKeeper,
@@ -19,6 +21,7 @@ from pdcd.capture.keeping import (
     measure_age_h,
 )
 from pdcd.cli.calibrate import ACTIONS
+from pdcd.errors import NoSpaceError
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.words import StepName
 from tests.unit.bench._calibrations import entry, record
@@ -82,16 +85,20 @@ def test_the_age_of_a_step(made: str, hours: float) -> None:
     assert measure_age_h(made, NOW) == hours
 
 
+def keeper_of(folder: Path, before: Path, told: Any) -> CalibrationKeeper:
+    given: Any = dict.fromkeys(
+        ("config", "typed", "rig", "profile", "camera", "job", "request", "taken_over", "write")
+    )
+    run: Any = SimpleNamespace(path=folder, where=folder)
+    previous = PreviousCalibration(before, told, "0" * 64)
+    return CalibrationKeeper(folder=run, before=previous, **given)
+
+
 def test_a_new_outcome_makes_values_of_other_steps_untrue(tmp_path: Path) -> None:
     said = {"rig.misregistration_px": "registration", "mask.blur_px": "registration",
             "mask.skew_s": "timing", "camera.responsivity_e": "light"}  # fmt: skip
     measured = {key: msgspec.structs.replace(entry(1.0), step=by) for key, by in said.items()}
-    before = PreviousCalibration(tmp_path, record(measured=measured), "0" * 64)
-    given: Any = dict.fromkeys(
-        ("config", "typed", "rig", "profile", "camera", "job", "request", "taken_over", "write")
-    )
-    folder: Any = SimpleNamespace(where=tmp_path)
-    keeper = CalibrationKeeper(folder=folder, before=before, **given)
+    keeper = keeper_of(tmp_path, tmp_path, record(measured=measured))
     keeper.steps = [step("meter"), step("geometry")]
     found: dict[str, MeasuredValue] = {}
     keeper._carry_over(found, tmp_path)
@@ -104,6 +111,32 @@ def test_a_new_outcome_makes_values_of_other_steps_untrue(tmp_path: Path) -> Non
     keeper.left_out, found = {"geometry": "bad"}, {}
     keeper._carry_over(found, tmp_path)
     assert found.keys() == said.keys() and not keeper.stale
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_a_profile_is_taken_over_or_the_disk_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, full: bool
+) -> None:
+    own, before = tmp_path / "own.partial", tmp_path / "before"
+    own.mkdir()
+    before.mkdir()
+    (before / PROFILE).write_text("full_well_e = 1.0\n")
+    profile = MeasuredValue(value="sensor.toml", step="body", made_utc="2026-01-01T00:00:00+00:00")
+    keeper = keeper_of(own, before, record(measured={"camera.profile": profile}))
+    measured: dict[str, MeasuredValue] = {}
+    if full:
+
+        def refuse(path: Path, data: bytes) -> int:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        monkeypatch.setattr(Path, "write_bytes", refuse)
+        with pytest.raises(NoSpaceError) as told:
+            keeper._carry_over(measured, own)
+        assert told.value.device == str(own)
+        return
+    keeper._carry_over(measured, own)
+    assert measured["camera.profile"].folder == str(before)
+    assert (own / PROFILE).read_bytes() == (before / PROFILE).read_bytes()
 
 
 def test_the_tables_name_steps_and_nobody_calls_a_step_like_an_action() -> None:

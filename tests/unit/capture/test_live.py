@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,14 +21,6 @@ from pdcd.protocol.views import LiveFrame
 from tests import bench_rig
 
 REQUEST = CaptureRequest(goal="white", codes=4)
-
-
-@pytest.fixture
-def engine(tmp_path: Path) -> Iterator[Engine]:
-    made = Engine.from_config(bench_rig.config(tmp_path))
-    made.start()
-    yield made
-    made.stop()
 
 
 class Viewer:

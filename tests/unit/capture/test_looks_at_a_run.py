@@ -221,26 +221,6 @@ def test_a_camera_whose_photos_are_of_another_size_than_it_says_is_told_of(
     assert "turned since it was calibrated" in warned[1]
 
 
-def test_a_job_tells_how_far_it_is_and_ends_where_it_is_not_wanted() -> None:
-    heard: list[Any] = []
-    wanted = [True]
-    job = EngineJob("job", CaptureRequest(goal="white"), None, heard.append, lambda: not wanted[0])
-    job.watch().step(1.0, 4.0)
-    planning = job.planning()
-    planning.stage = "codes"
-    planning.step(2.0, 4.0)
-    assert heard == [
-        events.DecodingProgress(done=1.0, total=4.0), events.PlanningProgress(stage="codes",
-        done=2.0, total=4.0)
-    ]  # fmt: skip
-    job.watch()()
-    wanted[0] = False
-    for watch in (job.watch(), planning):
-        with pytest.raises(Cancelled):
-            watch()
-    assert job.given == {} and job.report is False
-
-
 @pytest.mark.parametrize("there", [True, False])
 def test_a_journal_writes_tells_and_then_asks(there: bool) -> None:
     steps: list[Any] = []

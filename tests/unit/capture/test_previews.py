@@ -31,14 +31,10 @@ def test_the_last_few_stay_and_strangers_are_left_alone(tmp_path: Path) -> None:
     remove_old_previews(tmp_path / "nowhere")  # logs, and does not fail
 
 
-def test_a_preview_ends_by_the_error_that_it_had(tmp_path: Path) -> None:
-    engine = Engine.from_config(bench_rig.config(tmp_path))
-    engine.start()
-    bench = bench_rig.bench_of(engine)
+def test_a_preview_ends_by_the_error_that_it_had(engine: Engine) -> None:
     with pytest.raises(Cancelled):
         engine.preview(job=make_job_id(), cancelled=lambda: True)
-    assert bench_rig.are_panels_black(bench)
-    engine.stop()
+    assert bench_rig.are_panels_black(bench_rig.bench_of(engine))
 
 
 def test_a_plan_asks_whether_it_is_still_wanted(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +16,8 @@ from pdcd.files import put
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import RunFolder, read_manifest
-from tests import bench_rig
 
 WHITE = CaptureRequest(goal="white", codes=4)
-
-
-@pytest.fixture
-def engine(tmp_path: Path) -> Iterator[Engine]:
-    engine = Engine.from_config(bench_rig.config(tmp_path))
-    engine.start()
-    yield engine
-    engine.stop()
 
 
 def captured(engine: Engine, job: str) -> CaptureResult:

@@ -272,6 +272,7 @@ def test_panels_settle_between_the_shutter_and_the_codes(
     assert watched.of("close")[0] >= int(done.log.end_ns.max()) + settle_ns
     assert int(np.min(done.log.dual_ns)) >= done.open_ns + settle_ns
     assert done.close_ns >= int(done.log.end_ns.max()) + settle_ns
+    assert [timeout_s for *_, timeout_s in watched.fetched] == [12.5]  # as configured
 
 
 @pytest.mark.parametrize("moves", ["opened", "closed"])
@@ -295,14 +296,6 @@ def test_the_mock_bench_has_no_photo_where_the_shutter_moves_too_soon(
         expose(rig, tmp_path)
     monkeypatch.undo()
     expose(rig, tmp_path)
-
-
-def test_a_file_is_waited_for_as_long_as_is_configured(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    watched = Watched(rig, monkeypatch)
-    expose(rig, tmp_path)
-    assert [timeout_s for *_, timeout_s in watched.fetched] == [12.5]
 
 
 def test_a_spoilt_exposure_goes_black_and_shut_before_its_file_is_fetched(

@@ -112,37 +112,9 @@ def taker(bench: Bench, **rig: Any) -> Any:
 
 @pytest.fixture(autouse=True)
 def weights(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Codes were lit evenly unless a refresh was missed: one by half, two beyond measure."""
-
-    def lit(frames: str, log: Log, row_hz: float) -> Any:
-        assert row_hz == 60.0
-        lost = int(log.missed.sum())
-        if lost > 1:
-            raise SyncError("no code was lit")
-        level = (1.0, 0.0)[lost] if lost < 2 else 0.0
-        realised = np.array([2.0, 2.0 - lost])
-        return SimpleNamespace(realised=realised, planned=np.full(2, 2.0), level=level)
-
-    monkeypatch.setattr(shots, "count_lit_weights", lit)
-
-
-def test_what_is_kept_of_a_shot() -> None:
-    bench = Bench(Log(0, 0, 0))
-    (record,) = taker(bench).take(shot("coded"))
-    assert bench.kept == [record] and bench.warned == []
-    told = {name: getattr(record, name) for name in record.__struct_fields__}
-    assert told == {
-        "name": "coded", "window": "window of coded", "raw": "raw/coded.dng", "sha256": SHA,
-        "size_bytes": 3, "iso": 100, "f_number": 5.6, "open_ns": 10, "close_ns": 2_000_000_010,
-        "end_ns": (70, 80), "refreshes": 3, "missed": 0, "source": "flips", "verified": True,
-        "planned_s": 2.0, "level": 1.0,
-    }  # fmt: skip
-    assert bench.steps == [
-        ("expose", "frames of coded", SETTINGS, "coded"),
-        ("look", "raw/coded.dng", SHA, {}),
-        ("saw", "raw/coded.dng", HEAD),
-        ("frames", "coded", "frames of coded", 3),
-    ]
+    """Codes were lit evenly."""
+    even = SimpleNamespace(realised=np.ones(1), planned=np.ones(1), level=1.0)
+    monkeypatch.setattr(shots, "count_lit_weights", lambda *_: even)
 
 
 def test_the_second_bucket_comes_with_the_first() -> None:
@@ -186,69 +158,7 @@ def test_a_photo_of_other_settings_than_its_order_ends_the_run(
     assert (told.value.message, told.value.device) == (words, "camera")
 
 
-UNEVEN = "1 refreshes were missed; codes were lit 0.5 to 1 times as long as planned"
-
-
-def test_a_shot_that_was_spoilt_is_set_aside_and_taken_again() -> None:
-    bench = Bench(SyncError("the display gave up"), Log(1, 0), Log(0))
-    (record,) = taker(bench).take(shot("a"))
-    assert record.refreshes == 1
-    assert bench.heard("aside", "frames", "discarded") == [
-        ("aside", "a", 1),
-        ("discarded", "a-discarded-1", "the display gave up"),
-        ("aside", "a", 2),
-        ("frames", "a-discarded-2", "frames of a", 2),
-        ("discarded", "a-discarded-2", UNEVEN),
-        ("frames", "a", "frames of a", 1),
-    ]
-    assert bench.warned == [
-        "shot a: exposure 1 was discarded: the display gave up",
-        f"shot a: exposure 2 was discarded: {UNEVEN}",
-    ]
-
-
-@pytest.mark.parametrize("retries", [0, 2])
-def test_a_shot_that_is_spoilt_too_often_ends_the_run(retries: int) -> None:
-    bench = Bench(*(Log(1) for _ in range(9)))
-    with pytest.raises(SyncError) as told:
-        taker(bench, retries=retries).take(shot("a"))
-    assert len(bench.heard("expose")) == len(bench.heard("aside")) == retries + 1
-    assert told.value.message == f"shot a was spoilt {retries + 1} times: {UNEVEN}"
-    assert told.value.device == "display" and bench.kept == []
-
-
-def test_where_misses_are_only_flagged_the_first_exposure_is_kept() -> None:
-    bench = Bench(Log(1, 0))
-    (record,) = taker(bench, on_miss="flag").take(shot("a"))
-    assert (record.missed, record.level) == (1, None) and bench.heard("aside") == []
-    assert bench.warned == [f"shot a: {UNEVEN}"]
-    bench = Bench(Log(1, 1))
-    taker(bench, on_miss="flag").take(shot("a"))
-    assert bench.warned == ["shot a: 2 refreshes were missed; no code was lit"]
-    bench = Bench(SyncError("gave up"))
-    with pytest.raises(SyncError, match="gave up"):
-        taker(bench, on_miss="flag").take(shot("a"))
-    assert bench.heard("aside") == []
-
-
-def test_shots_that_are_subtracted_from_each_other_were_shown_equally_often(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    levels = [0.5, 1.0]
-    monkeypatch.setattr(
-        shots, "count_lit_weights",
-        lambda *_: SimpleNamespace(realised=np.ones(0), planned=np.ones(0), level=levels.pop(0)),
-    )  # fmt: skip
-    (record,) = taker(Bench()).take(shot("a", even=True))
-    assert record.level == 1.0 and levels == []
-    levels[:] = [0.5, 1.0]
-    (record,) = taker(Bench()).take(shot("a"))
-    assert record.level == 0.5 and levels == [1.0]
-
-
-def test_what_a_kept_shot_has_suffered_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    even = SimpleNamespace(realised=np.ones(1), planned=np.ones(1), level=1.0)
-    monkeypatch.setattr(shots, "count_lit_weights", lambda *_: even)
+def test_what_a_kept_shot_has_suffered_is_told() -> None:
     bench = Bench(Log(2, 1, verified=False))
     taker(bench).take(shot("a"))
     assert bench.warned == [
@@ -281,10 +191,11 @@ def test_a_test_exposure_that_is_given_up_is_taken_again(kind: str, spoilt: int)
     assert bench.kept == [] and bench.heard("frames") == []
 
 
-def test_a_test_exposure_is_not_taken_again_where_misses_are_only_flagged() -> None:
+@pytest.mark.parametrize("kind", ["shot", "test"])
+def test_where_misses_are_only_flagged_nothing_is_taken_again(kind: str) -> None:
     bench = Bench(SyncError("gave up"))
     with pytest.raises(SyncError, match="gave up"):
-        taker(bench, on_miss="flag").take(shot("a", "test"))
+        taker(bench, on_miss="flag").take(shot("a", kind))
     assert bench.heard("aside") == []
 
 

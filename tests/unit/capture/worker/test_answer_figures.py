@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -225,18 +226,32 @@ def test_a_plan_that_looks_at_no_dark_photo_has_no_leaks() -> None:
         leak_check.estimate_leaks(nothing, nothing, (), Watch())
 
 
-def test_a_worker_without_a_job_says_what_is_missing(tmp_path: Path) -> None:
+def test_a_worker_without_a_job_or_a_folder_says_what_is_missing(tmp_path: Path) -> None:
     nothing: Any = None
     worker, watch = Worker(RigFacts(Config(), nothing, (3, 4), None)), Watch()
-    for call, words in (
-        (lambda: worker.step(watch, "timing", UTC), "no calibration is under way"),
-        (lambda: worker.answered(watch), "no calibration is under way"),
-        (lambda: worker.photo(watch, nothing), "no calibration is under way"),
-        (lambda: worker.measured(watch), "no calibration is under way"),
-        (lambda: worker.begin(watch, tmp_path), "no plan to work on"),
-        (lambda: worker.next_exposure(watch, None), "no plan to work on"),
-        (lambda: worker.look(watch, "raw", ""), "no plan to work on"),
-    ):
-        with pytest.raises(PdcdError, match=words):
-            call()
+    calls: dict[str, tuple[Callable[[], object], ...]] = {
+        "no calibration is under way": (
+            lambda: worker.step(watch, "timing", UTC), lambda: worker.answered(watch),
+            lambda: worker.photo(watch, nothing), lambda: worker.measured(watch),
+        ),
+        "no stream is under way": (lambda: worker.keep(watch, tmp_path),),
+        "no plan to work on": (
+            lambda: worker.begin(watch, tmp_path), lambda: worker.next_exposure(watch, None),
+            lambda: worker.look(watch, "raw", ""),
+        ),
+        "no run folder yet": (
+            lambda: worker.next_exposure(watch, None), lambda: worker.look(watch, "raw/a.dng", "0"),
+            lambda: worker.develop(watch),
+        ),
+        "need to know the camera": (lambda: worker.begin(watch, tmp_path),),
+    }  # fmt: skip
+    for words, asked in calls.items():
+        if words == "no run folder yet":
+            worker.plan(watch, CaptureRequest(goal="white", codes=4), {}, None, None)
+        for call in asked:
+            with pytest.raises(PdcdError, match=words):
+                call()
     assert worker.report(watch) is None
+    worker.forget(watch)
+    with pytest.raises(PdcdError, match="no plan to work on"):
+        worker.begin(watch, tmp_path)

@@ -6,14 +6,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from pdcd.bench.devices import CameraSettings
 from pdcd.bench.stops import Stop
-from pdcd.bench.tables import Config
 from pdcd.capture.worker import exposing
-from pdcd.capture.worker.answers import AuxiliaryPhoto, ConvergenceNote, Order, PhotoOrder, RigFacts
+from pdcd.capture.worker.answers import AuxiliaryPhoto, Order, PhotoOrder, RigFacts
 from pdcd.capture.worker.exposing import Exposer, Orders
 from pdcd.errors import ConfigError
 from pdcd.planning.metering import MAX_TESTS
@@ -215,31 +213,3 @@ def test_a_lens_that_cannot_be_set_is_not_set() -> None:
         with pytest.raises(ConfigError, match="ISO 50 is not offered") as told:
             call(exposer(iso=50))
         assert told.value.hint == "take one of 200, 100, 400"
-
-
-def test_a_note_waits_for_the_next_order() -> None:
-    orders = Orders()
-    orders.note("first", ConvergenceNote())
-    assert orders.tell("second") == Order(("first", ConvergenceNote(), "second"))
-    assert orders.end() == Order((), done=True)
-
-
-def test_a_test_exposure_is_held_against_the_cells(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    planes = np.full((4, 6, 8), 30.0, np.float32)
-    planes[2, 1, 3] = 60.0
-    frame = SimpleNamespace(frame=(6, 8), planes=planes, saturated=np.zeros((4, 6, 8), np.bool_))
-    asked: list[Any] = []
-
-    def read(_: PhotoShelf, raw: str, **said: Any) -> Any:
-        asked.append((raw, said))
-        return frame
-
-    monkeypatch.setattr(PhotoShelf, "read", read)
-    monkeypatch.setattr(exposing, "find_full_level", lambda *_: None)
-    made = exposer()
-    made.facts = RigFacts(Config(), PROFILE, (3, 4), None)
-    peak, expected = made._shares("raw/a.dng", SHA, 8.0, np.full((3, 4), 2.0), 100.0)
-    assert asked == [("raw/a.dng", {"sha256": SHA, "saturation_dn": 100.0})]
-    assert peak == pytest.approx(0.6) and expected == pytest.approx(1.2)

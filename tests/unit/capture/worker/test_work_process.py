@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
+import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.stops import AbsoluteScale
 from pdcd.bench.tables import Config
 from pdcd.capture.worker import process
 from pdcd.capture.worker.answers import RigFacts, make_run_record
@@ -19,7 +20,9 @@ from pdcd.capture.worker.process import TaskLine, run_worker, serve_tasks
 from pdcd.capture.worker.proxy import InProcessWorker
 from pdcd.child import PICKLES, LineClosedError, MessageLine
 from pdcd.errors import Cancelled, ConfigError, PdcdError, PlanError
-from pdcd.protocol.plan_summary import CaptureScheme
+from pdcd.planning.make import make_plan
+from pdcd.protocol.plan_summary import LeakErrors
+from pdcd.protocol.request import CaptureRequest
 from pdcd.watch import Watch
 
 NOBODY: Any = None
@@ -77,26 +80,6 @@ def test_whether_the_work_is_wanted_is_looked_at_fifty_times_a_second(far: Far) 
         far.at(100.021, watch)
     far.say(LifeSign())  # anything else ends nothing
     far.at(100.06, watch)
-
-
-def test_the_first_moment_at_which_it_is_time_counts(
-    far: Far, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name, seconds in (("_LOOK_S", 0.25), ("_SIGN_S", 0.5), ("_STEP_S", 0.5)):
-        monkeypatch.setattr(process, name, seconds)
-    watch = far.talk.watch()
-    assert [far.at(now_s, watch) for now_s in (100.0, 100.25, 100.5)] == [
-        [LifeSign()],
-        [],
-        [LifeSign()],
-    ]
-    far.say(StopCall())
-    with pytest.raises(Cancelled):
-        far.at(100.75, watch)
-    watch.step(1.0, 10.0)
-    far.now_s = 101.25
-    watch.step(2.0, 10.0)
-    assert far.heard() == [LifeSign(1.0, 10.0), LifeSign(2.0, 10.0)]
 
 
 def test_how_far_it_is_is_told_now_and_then_and_at_the_end(far: Far) -> None:
@@ -254,38 +237,17 @@ def test_who_works_here_runs_out_of_memory_in_the_same_words() -> None:
         here.do(Watch(), task, 3)
 
 
-def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench() -> None:
-    plan: Any = SimpleNamespace(
-        recipe=SimpleNamespace(target=SimpleNamespace(goal="goal", grid=(3, 4))),
-        how=CaptureScheme(pilot=8), smooth=True, dark="dark", leaks=None, patterns={},
-    )  # fmt: skip
-    config: Any = SimpleNamespace(
-        schedule=SimpleNamespace(normalise="theirs"), projector="projector", mask="mask",
-        camera=SimpleNamespace(place="place", blur_quads=0.5, responsivity_e=None),
-        calibration=SimpleNamespace(sha256=None),
-    )  # fmt: skip
+@pytest.mark.parametrize(
+    ("level", "limit", "left"), [("none", 0.1, 0.2), ("none", 0.2, 0.0), ("ambient", 0.1, 0.0)]
+)
+def test_a_run_remembers_leaks_that_count_and_were_not_subtracted(
+    level: Any, limit: float, left: float
+) -> None:
+    plan: Any = make_plan(CaptureRequest(goal="indirect", codes=8), Config(), (3, 4))
+    leaks = LeakErrors(ambient=0.0, mask=0.0, both=0.2, floor=0.0, limit=limit, raw=())
+    plan = replace(plan, how=msgspec.structs.replace(plan.how, black_level=level), leaks=leaks)
     camera: Any = SimpleNamespace(responsivity_e=np.array([1, 2, 3]))
-    profile: Any = "profile"
-    for own, wanted in ((None, "theirs"), ("mine", "mine")):
-        request: Any = SimpleNamespace(normalise=own, white_patch="patch")
-        shots: Any = ["shot"]
-        cells: Any = "cells"
-        found = make_run_record(plan, request, config, camera, profile, shots, cells)
-        told = {name: getattr(found, name) for name in found.__struct_fields__}
-        assert told == {
-            "goal": "goal", "how": CaptureScheme(pilot=8), "smooth": True, "normalise": wanted,
-            "grid": (3, 4),
-            "cells": "cells", "projector": "projector", "mask": "mask",
-            "responsivity_e": (1.0, 2.0, 3.0), "profile": "profile", "shots": ("shot",),
-            "camera_place": "place", "blur_quads": 0.5, "white_patch": "patch",
-            "dark": "dark", "leak": 0.0, "room_changed": 0.0, "panels": None, "room": None,
-            "grey_unknown": (),
-            "borders": None, "stops": (), "scale": AbsoluteScale("of a nominal camera"),
-        }  # fmt: skip
-    cases: list[Any] = [("none", 0.1, 0.2), ("none", 0.2, 0.0), ("ambient", 0.1, 0.0)]
-    for level, limit, left in cases:
-        plan.leaks = SimpleNamespace(both=0.2, limit=limit, changed=0.0)
-        plan.how = CaptureScheme(black_level=level)
-        assert make_run_record(plan, request, config, camera, profile).leak == left
-    bare = make_run_record(plan, request, config, camera, profile)
-    assert (bare.shots, bare.cells) == ((), None)
+    for own, normalise in ((None, Config().schedule.normalise), ("global", "global")):
+        request: Any = CaptureRequest(goal="indirect", normalise=own)
+        found = make_run_record(plan, request, Config(), camera, NOBODY)
+        assert (found.leak, found.normalise, found.shots) == (left, normalise, ())
