@@ -183,24 +183,6 @@ def test_a_passed_socket_is_served_and_left_in_place(tmp_path: Path) -> None:
     assert path.exists()
 
 
-@pytest.mark.parametrize("passed", ["file", "closed"])
-def test_what_was_passed_and_is_no_listening_socket_is_named(tmp_path: Path, passed: str) -> None:
-    """As the service manager would pass it: at number 3, with its count and our pid."""
-    # Where nothing is at that number, the event loop soon has something of its own there.
-    place = "os.closerange(3, 99)" if passed == "closed" else "os.dup2(0, 3)"
-    script = (
-        f"import os, sys; {place};"
-        "os.environ.update(LISTEN_FDS='1', LISTEN_PID=str(os.getpid()));"
-        "os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
-    )
-    with process(sys.executable, "-c", script, *fake_daemon(tmp_path)[1:]) as child:
-        out, err = child.communicate(timeout=PATIENCE_S)
-    assert child.returncode == 2 and out == "[]\n", err
-    stopped, told = err.splitlines()
-    assert stopped.endswith("stopped")
-    assert " ERROR " in told and "passed" in told and "ListenStream" in told
-
-
 def test_nobody_forges_a_line_of_the_journal(tmp_path: Path) -> None:
     """Whatever a client says, in any place of any request, each line of the log is the daemon's."""
     forged = "x\n<3>pdcd.server.daemon: stopped\r\x1b[2J\x9b31m\u2028\x7f"

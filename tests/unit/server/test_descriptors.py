@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
-from typing import Any
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdcd.errors import BusyError, ProtocolError
 from pdcd.protocol.messages import MAX_FDS, METHODS
 from pdcd.server.descriptors import Descriptors
-from pdcd.server.protocol import Connection, RpcFault, RpcRequest, parse_line
-from tests.unit.server.test_protocol import JSON, line
+from pdcd.server.protocol import Connection, RpcFault
+from tests.unit.server.test_protocol import JSON
 
 COUNTED = st.fixed_dictionaries(
     {"jsonrpc": st.just("2.0"), "method": st.sampled_from(["capture.plan", "ping", "nonsense"])},
@@ -83,76 +80,3 @@ def test_no_descriptor_is_lost_or_closed_twice(
         assert not ledger.open
 
     asyncio.run(scenario())
-
-
-class Kept(Descriptors):
-    """Descriptors whose closing is noted, not done."""
-
-    def __init__(self, *came: int) -> None:
-        super().__init__(self._note)
-        self.closed: list[int] = []
-        self.receive(came)
-
-    def _note(self, fds: tuple[int, ...]) -> Any:
-        self.closed += fds
-
-        class Done:
-            def add_done_callback(self, _: Any) -> None:
-                pass
-
-        return Done()
-
-
-def test_a_client_that_sends_too_many_descriptors_is_parted_from() -> None:
-    for count, ends in ((MAX_FDS, False), (MAX_FDS + 1, True)):
-        held = Kept(*range(count))
-        connection = Connection(descriptors=held)
-        found = [*connection.receive(b"")]
-        assert (len(found), connection.closed) == (int(ends), ends)
-        assert held.closed == ([*range(count)] if ends else []) and held.unclaimed == count - len(
-            held.closed
-        )
-    lost = Connection(descriptors=Kept(1))
-    (told,) = lost.receive(line() + b"\n", lost=True)
-    assert isinstance(told, RpcFault) and told.close and lost.closed
-    assert [*lost.receive(b"", lost=True)] == []
-
-
-@pytest.mark.parametrize(
-    ("data", "ends"),
-    [
-        (b"{", True), (b"[]", True), (b'{"id": 1}', True), (line("ping", fds=3), True),
-        (line("ping", fds=2), False), (line("nonsense", fds=1), False),
-        (line("capture.plan", {}, fds=1), False),
-    ],
-)  # fmt: skip
-def test_whose_descriptors_are_in_doubt_is_parted_from(data: bytes, ends: bool) -> None:
-    held = Kept(70, 71)
-    connection = Connection(descriptors=held)
-    (item,) = connection.receive(data + b"\n")
-    assert isinstance(item, RpcFault) and item.close is connection.closed is ends
-    taken = json.loads(data).get("fds", 0) if not ends else 2
-    assert held.closed == [70, 71][:taken] and held.unclaimed == 2 - taken
-
-
-def test_a_plan_takes_what_it_names_and_leaves_the_rest() -> None:
-    held = Kept(70, 71, 72)
-    item = parse_line(line("capture.plan", {"goal": "white"}, fds=2), held)
-    assert isinstance(item, RpcRequest) and item.fds == (70, 71)
-    assert held.unclaimed == 1 and held.closed == []
-    held.release((70, 71, 99))
-    assert held.closed == [70, 71]  # and no other's
-    held.release((70,))
-    assert held.closed == [70, 71]
-    held.close()
-    assert held.closed == [70, 71, 72] and held.unclaimed == 0
-
-
-def test_requests_hold_16_descriptors_at_most() -> None:
-    held = Kept(*range(17))
-    assert held.take(16) == tuple(range(16)) and held.take(0) == ()
-    with pytest.raises(BusyError, match="more than 16") as caught:
-        held.take(1)
-    assert held.closed == [16] and caught.value.hint
-    with pytest.raises(ProtocolError, match="names 1 descriptors, 0 came"):
-        held.take(1)
