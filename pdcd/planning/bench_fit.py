@@ -50,11 +50,6 @@ _BLUR_LEAK = 1.6
 standard deviation in cells (`pdcd.probing.cell_size`)."""
 
 
-def scale_errors_to_cells(config: Config, cell_px: float) -> tuple[float, float]:
-    """Misregistration of the panels, and blur on the mask, in cells."""
-    return config.rig.misregistration_px / cell_px, config.mask.blur_px / cell_px
-
-
 def choose_window(asked: str, misregistration_cells: float, blur_cells: float = 0.0) -> str:
     """The window that "auto" gives with that misregistration and blur, or the one asked for.
 
@@ -118,7 +113,8 @@ def choose_grid_window(
     """
     width_px, height_px = config.projector.field_size_px
     cell_px = min(width_px / grid[1], height_px / grid[0])
-    misregistration, blur = scale_errors_to_cells(config, cell_px)
+    misregistration = config.rig.misregistration_px / cell_px
+    blur = config.mask.blur_px / cell_px
     panels = panels_of(config)
     if asked == "auto":
         apart_px = _apart_px(config.projector, config.mask, grid)

@@ -151,7 +151,7 @@ class _Search:
             except RequestError as err:
                 refused, fewest = err, one.codes
                 continue
-            plan = plan if one.split else plan.scaled(1, one.exposures)
+            plan = plan if one.split else plan.repeated(one.exposures)
             if most is None or _seconds(plan) <= most:
                 return self._told(plan, one)
         raise self._refusal(found, refused)

@@ -169,15 +169,12 @@ class Plan:
         """How the codes are made; "none" where there are none."""
         return self.how.family or "none"
 
-    def scaled(self, passes: int, repeat: int) -> Plan:
-        """The same plan, of single exposures, with its codes shown `passes` times in each of
-        `repeat` exposures."""
+    def repeated(self, exposures: int) -> Plan:
+        """The same plan, of single exposures, with each taken that often."""
         return replace(
             self,
-            passes=passes,
-            white_slots=self.white_slots * passes // self.passes,
-            how=msgspec.structs.replace(self.how, repeat=repeat),
-            recipe=repeat_shots(self.recipe, repeat),
+            how=msgspec.structs.replace(self.how, repeat=exposures),
+            recipe=repeat_shots(self.recipe, exposures),
         )
 
     @property
@@ -226,9 +223,9 @@ class Plan:
             dark_s=self.dark_s,
         )
 
-    def frames(self, shot: Shot, *, pairs: int | None = None) -> Frames:
-        """Refreshes of a shot; `pairs` limits it to that many pairs, once (test exposures)."""
-        return self.sequence(shot).frames(pairs)
+    def frames(self, shot: Shot) -> Frames:
+        """Refreshes of a shot."""
+        return self.sequence(shot).frames()
 
     def refreshes(self, shot: Shot) -> int:
         """Number of refreshes of a shot, without building them."""

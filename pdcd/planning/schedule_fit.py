@@ -45,7 +45,7 @@ def resolve_slot(request: CaptureRequest, config: Config, mask_lag_s: float | No
     """Refreshes and dark time of a code, as asked for or as the rig has them; the schedule is
     "none" where a dark time keeps codes apart. Raises RequestError as `resolve_dark_s`."""
     dark_s = resolve_dark_s(request, config, mask_lag_s)
-    asked = config.schedule.guards if request.guards is None else request.guards
+    asked = _asked_guards(request, config)
     if dark_s is not None:
         schedule: ScheduleName = "none"
     elif asked == "auto" and has_measured_times(config):
@@ -59,8 +59,11 @@ def resolve_slot(request: CaptureRequest, config: Config, mask_lag_s: float | No
 
 def is_lag_needed(request: CaptureRequest, config: Config) -> bool:
     """Whether the plan of a request depends on the lag of the mask."""
-    asked = config.schedule.guards if request.guards is None else request.guards
-    return asked in ("auto", "dark")
+    return _asked_guards(request, config) in ("auto", "dark")
+
+
+def _asked_guards(request: CaptureRequest, config: Config) -> bool | GuardsName:
+    return config.schedule.guards if request.guards is None else request.guards
 
 
 def resolve_dark_s(
@@ -71,7 +74,7 @@ def resolve_dark_s(
 
     Raises RequestError where it is asked for and the panels cannot.
     """
-    asked = config.schedule.guards if request.guards is None else request.guards
+    asked = _asked_guards(request, config)
     row_s = 1.0 / config.row_hz
     if asked == "dark":
         if not config.display.row_times:

@@ -237,7 +237,6 @@ def test_signed_goals_have_no_bias_with_few_codes(goal: str, window: str, tmp_pa
     ("fields", "what"),
     [
         ({"goal": "off-diagonal", "shift": [3, 0]}, "leaves the grid"),
-        ({"goal": "indirect", "equal_brightness": True}, "equal brightness is for"),
         ({"goal": "illuminated", "illumination": "/nowhere.npy"}, "not read"),
         ({"goal": "illuminated", "illumination": [[1.0, 0.0], [1.0]]}, "unequal length"),
         ({"goal": "filtered", "kernel": np.ones((7, 1)).tolist()}, "reaches further"),

@@ -145,21 +145,6 @@ def test_a_decay_is_a_prior_like_any_other(tmp_path: Path) -> None:
     assert read_manifest(Path(str(result.folder))).plan["prior"] == "decay 3 cells"
 
 
-@pytest.mark.parametrize(
-    ("fields", "what"),
-    [
-        ({"prior": "disco-ball"}, "scene:NAME"),
-        ({"prior": MIRROR_FILE, "pilot": 32, "codes": 64}, "give one"),
-        ({"prior": MIRROR_FILE, "goal": "off-diagonal", "shift": (0, 1)}, "off-diagonal"),
-    ],
-)
-def test_refusals(fields: dict[str, Any], what: str, tmp_path: Path) -> None:
-    result = run(tmp_path, MIRROR_FILE, **fields)
-    assert result.error is not None and result.error["kind"] == "request"
-    assert result.error["hint"]
-    assert what in f"{result.error['message']} {result.error['hint']}"
-
-
 def test_foreseen_and_achieved_agree_with_a_prior(tmp_path: Path) -> None:
     """The planner counts on the codes that the capture will show."""
     config = config_for(tmp_path, "scene:disco-ball", noise="full")

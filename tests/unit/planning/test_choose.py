@@ -74,7 +74,7 @@ def every_plan(rig: RigSetting, goal: str) -> list[tuple[int, int, float, int, P
         longest_s = max(once.exposure_s(shot) for shot in once.recipe.shots)
         for exposures in range(1, MOST_REPEATS + 1):
             split = goal == "indirect" and count >= 16 and exposures >= 4
-            plan = once.scaled(1, exposures)
+            plan = once.repeated(exposures)
             codes = PhotoCodes(goal, "hadamard", 0.5, GRID, count, longest_s, 1.0, split=split)
             error = predict_error(codes, guess_scene_light(), rig, 100).repeated(exposures)
             shown = count * exposures if split else count
@@ -103,20 +103,6 @@ def test_what_decides_twice_is_refused(fields: dict[str, Any], what: str) -> Non
     with pytest.raises(RequestError, match=what) as caught:
         is_search_needed(request_of(**fields))
     assert caught.value.hint
-
-
-@pytest.mark.parametrize(
-    ("fields", "wanted"),
-    [
-        ({}, False),
-        ({"codes": 64, "pilot": 32}, False),
-        ({"error": 0.1}, True),
-        ({"seconds": 3.0, "pilot": 0}, True),
-        ({"error": 0.1, "confidence": 0.6, "family": "balanced", "seed": 3}, True),
-    ],
-)
-def test_an_error_or_a_time_leaves_the_rest_open(fields: dict[str, Any], wanted: bool) -> None:
-    assert is_search_needed(request_of(**fields)) is wanted
 
 
 @pytest.mark.parametrize(

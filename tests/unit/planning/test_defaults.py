@@ -188,13 +188,6 @@ def test_the_cost_of_a_file_is_typed_or_seen_or_assumed() -> None:
     assert readout_s(Config(camera=typed), camera(0.7)) == 0.2
 
 
-def test_a_pilot_may_be_left_to_the_program_beside_codes() -> None:
-    found = settled_of(pilot="auto", codes=256, parts=1)
-    assert (found.request.codes, found.request.pilot, found.request.parts) == (256, 16, 1)
-    assert found.otherwise is not None
-    assert (found.otherwise.codes, found.otherwise.pilot, found.otherwise.parts) == (256, 4, 1)
-
-
 @pytest.mark.parametrize(
     ("codes", "parts", "pilot", "left"), [(128, 4, 16, 112), (128, 3, 8, 120), (64, 8, 0, 0)]
 )

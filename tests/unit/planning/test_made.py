@@ -57,6 +57,14 @@ def test_what_contradicts_itself_is_refused(fields: dict[str, Any], words: str, 
     assert hint in str(caught.value.hint)
 
 
+def test_a_family_that_is_named_is_not_replaced() -> None:
+    with pytest.raises(RequestError, match="hadamard"):
+        plan_of(goal="fraction", p=0.2, codes=100, family="hadamard")
+    assert plan_of(goal="fraction", p=0.2, codes=21, family="singer").family == "singer"
+    with pytest.raises(RequestError, match="goal fraction"):
+        plan_of(codes=21, family="singer")
+
+
 def test_a_pilot_of_all_codes_has_another_plan_for_a_scene_without_mirrors() -> None:
     plan = plan_of(codes=16, pilot=16)
     other = plan.otherwise

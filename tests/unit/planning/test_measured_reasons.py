@@ -22,12 +22,8 @@ from pdcd.planning.bench_fit import (
 )
 from pdcd.planning.schedule_fit import (
     BY_COST,
-    QUIET,
-    choose_schedule,
     compute_schedule_leak,
     convert_lag_to_rows,
-    find_quietest_schedule,
-    has_measured_times,
     scan_out_lags_s,
 )
 from pdcd.probing.cell_size import MaskAlignment, compute_bench_leak, find_largest_window
@@ -43,26 +39,6 @@ def test_a_meeting_is_what_was_measured_of_both_panels() -> None:
     found = find_meeting(config(mask={"blur_px": 0.5}))
     assert found is not None and (found.e95_px, found.blur_px) == (0.0, 0.5)
     assert found.mask_px == pytest.approx(1024 / 1600)
-
-
-@pytest.mark.parametrize("missing", ["rise_s", "fall_s"])
-@pytest.mark.parametrize("panel", ["projector", "mask"])
-def test_times_are_measured_where_all_four_are_known(panel: str, missing: str) -> None:
-    tables: dict[str, Any] = {"projector": dict(TIMES), "mask": dict(TIMES)}
-    assert has_measured_times(config(**tables))
-    tables[panel][missing] = 0.0
-    assert not has_measured_times(config(**tables))
-
-
-@pytest.mark.parametrize("lag_s", [-0.01, -0.001, 0.0, 0.001, 0.006, 0.012])
-def test_the_cheapest_quiet_schedule_is_taken_and_else_the_best(lag_s: float) -> None:
-    for times in (TIMES, {"rise_s": 0.003, "fall_s": 0.006}):
-        rig = config(projector=times, mask=times)
-        leaks = {name: compute_schedule_leak(rig, name, lag_s) for name in BY_COST}
-        quiet = [name for name in BY_COST if leaks[name] <= QUIET]
-        found = find_quietest_schedule(rig, lag_s)
-        assert found == quiet[0] if quiet else leaks[found] == min(leaks.values())
-    assert find_quietest_schedule(config(projector=TIMES, mask=TIMES), None) == "full"
 
 
 def test_the_worst_row_decides_on_a_schedule() -> None:
@@ -89,21 +65,6 @@ def test_rows_are_set_from_above_or_from_below() -> None:
     assert jitter == pytest.approx(0.5 * 0.008 / 4.0 * 60.0)
     unknown, same = convert_lag_to_rows(both, None)
     assert unknown is None and same == pytest.approx(jitter)
-
-
-@pytest.mark.parametrize(
-    ("asked", "lag", "jitter", "name"),
-    [
-        (True, 0.5, 0.0, "full"), (False, 0.5, 0.0, "none"), ("both", 5.0, 0.0, "both"),
-        ("auto", None, 0.0, "full"), ("auto", 0.5, 0.0, "lag"), ("auto", -0.5, 0.0, "lead"),
-        ("auto", 0.0, 0.0, "lag"), ("auto", 0.0, 0.1, "full"), ("auto", 0.5, 0.1, "lag"),
-        ("auto", 1.5, 0.0, "full"),
-    ],
-)  # fmt: skip
-def test_auto_is_the_schedule_of_two_refreshes_that_bears_the_lag(
-    asked: Any, lag: float | None, jitter: float, name: str
-) -> None:
-    assert choose_schedule(asked, lag, jitter) == name
 
 
 def test_a_larger_window_is_told_where_it_fits() -> None:

@@ -20,6 +20,7 @@ from pdcd.planning.metering import (
     choose_test_pairs,
     compare_stops,
     measure_peak_share,
+    pick_aperture,
     predict_peak_share,
 )
 from pdcd.protocol.request import CaptureRequest
@@ -50,6 +51,8 @@ def test_a_clipped_photo_is_taken_again_four_stops_narrower() -> None:
     """And is what there is where the lens closes no further."""
     assert choose_next_aperture(STOPS, 4.0, 0.96, 0.1) == (16.0, False)
     assert choose_next_aperture(STOPS, max(STOPS), 1.0, 1.0) == (max(STOPS), True)
+    stops = (1.0, 2.0, 4.0, 16.0)
+    assert [pick_aperture(stops, f) for f in (0.5, 2.0, 2.1, 99.0)] == [1.0, 2.0, 4.0, 16.0]
 
 
 def test_peak_share() -> None:

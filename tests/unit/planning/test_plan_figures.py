@@ -7,6 +7,8 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pdcd.bench.tables import Config
 from pdcd.planning.make import make_plan
@@ -67,7 +69,7 @@ def test_frames_of_a_test_exposure_are_the_first_pairs_once(window: str) -> None
     plan = plan_of(window=window, exposure_s=3.2)
     fields = 1 if window == "whole" else 4
     coded = shot_of(plan, "coded")
-    test, whole = plan.frames(coded, pairs=3), plan.frames(coded)
+    test, whole = plan.sequence(coded).frames(3), plan.frames(coded)
     assert len(test) == 3 * 3 * fields and len(whole) == plan.refreshes(coded)
     assert len(test.primal_patterns) == 3
     assert np.array_equal(test.primal_patterns, plan.patterns["coded"][0][:3])
@@ -109,15 +111,11 @@ def test_light_is_what_both_panels_let_through_in_a_third_of_the_refreshes() -> 
     assert quarter.light_share(shot_of(quarter, "coded")) == pytest.approx(wanted)
 
 
-def test_a_plan_of_more_passes_and_exposures_shows_the_same_codes() -> None:
+def test_a_plan_of_more_exposures_shows_the_same_codes() -> None:
     plan = plan_of()
-    found = plan.scaled(3, 4)
-    assert (found.passes, found.how.repeat) == (3, 4)
-    assert found.white_slots == 3 * plan.white_slots
-    assert found.patterns is plan.patterns
+    found = plan.repeated(4)
+    assert found.how.repeat == 4 and found.patterns is plan.patterns
     assert len(found.recipe.shots) == 5  # the white photo is only shown beside the answer
-    again = found.scaled(6, 1)
-    assert again.white_slots == 6 * plan.white_slots and again.how.repeat == 1
     told = found.summary()
     assert [shot.exposures for shot in told.shots] == [1, 4]
     assert [shot.exposures for shot in plan.summary().shots] == [1, 1]
@@ -125,7 +123,7 @@ def test_a_plan_of_more_passes_and_exposures_shows_the_same_codes() -> None:
     white, coded = told.shots
     assert told.refreshes == white.refreshes + 4 * coded.refreshes
     assert told.seconds == pytest.approx(white.exposure_s + 4 * coded.exposure_s)
-    assert told.raw_files == 5 and told.passes == 3
+    assert told.raw_files == 5
 
 
 def test_a_summary_tells_of_a_pilot_once() -> None:
@@ -162,3 +160,21 @@ def test_photos_of_a_slice_count_as_often_as_each_is_taken(repeat: int) -> None:
     assert shot.exposures == told.raw_files == len(plan.recipe.shots) == 15 * repeat
     assert told.seconds == pytest.approx(sum(map(plan.exposure_s, plan.recipe.shots)))
     assert told.refreshes == sum(map(plan.refreshes, plan.recipe.shots))
+
+
+@settings(max_examples=50)
+@given(
+    goal=st.sampled_from(["white", "indirect", "direct"]),
+    codes=st.sampled_from([2, 4, 12, 16]),
+    window=st.sampled_from(["whole", "quarter"]),
+    guards=st.booleans(),
+    black_level=st.sampled_from(["none", "mask", "ambient", "both"]),
+    white=st.booleans(),
+)
+def test_every_plan_adds_up(**fields: Any) -> None:
+    plan = make_plan(msgspec.convert(fields, CaptureRequest), Config(), (3, 4))
+    summary = plan.summary()
+    assert summary.refreshes == sum(len(plan.frames(s)) for s in plan.recipe.shots)
+    assert summary.seconds == pytest.approx(sum(s.exposure_s for s in summary.shots))
+    assert 0.0 < summary.light_share <= 1.0
+    assert summary.raw_files == len(plan.recipe.shots)

@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.bench.tables import BenchConfig, Config
 from pdcd.errors import ConfigError, RequestError
-from pdcd.planning.bench_fit import add_bench_plane, choose_window, scale_errors_to_cells
+from pdcd.planning.bench_fit import add_bench_plane, choose_window
 from pdcd.planning.code_counts import scale_code_count
 from pdcd.planning.grey import explain_grey_levels, find_grey_panels, is_mock_as_configured
 from pdcd.planning.look import (
@@ -19,7 +19,6 @@ from pdcd.planning.look import (
     resolve_black_level,
 )
 from pdcd.planning.make import make_plan
-from pdcd.planning.metering import choose_next_aperture, pick_aperture
 from pdcd.planning.plan import LeakProbe, Plan, average_pair_light
 from pdcd.planning.schedule_fit import convert_lag_to_rows, is_lag_needed, list_tolerant_schedules
 from pdcd.protocol.plan_summary import LeakErrors
@@ -130,15 +129,15 @@ def test_a_single_code_of_a_pilot_is_lit_by_itself() -> None:
     [
         ("white", {}, (0.5, 0.0, 0.0), None),  # which asks for no depth
         ("epipolar", {}, (0.5, 0.0, 0.0), None),
-        ("plane", {}, (0.5, 0.0, 0.0), (0.5, 0.0, 0.0)),
-        ("plane", {"plane": (1.0, 0.0, 0.0)}, (0.5, 0.0, 0.0), (1.0, 0.0, 0.0)),
-        ("plane", {}, None, None),
+        ("keyed", {}, (0.5, 0.0, 0.0), (0.5, 0.0, 0.0)),
+        ("keyed", {"plane": (1.0, 0.0, 0.0)}, (0.5, 0.0, 0.0), (1.0, 0.0, 0.0)),
+        ("keyed", {}, None, None),
     ],
 )
 def test_depths_are_those_of_the_bench_unless_they_are_named(
     goal: Any, fields: dict[str, Any], plane: Any, wanted: Any
 ) -> None:
-    request = CaptureRequest(goal=_depth(goal), **fields)
+    request = CaptureRequest(goal=goal, **fields)
     rig = config(rig={"arrangement": "off-axis", "plane": plane})
     assert add_bench_plane(request, rig).plane == wanted
     assert (request.goal in OFF_AXIS_GOALS) == (goal != "white")
@@ -149,22 +148,11 @@ def test_depths_are_those_of_the_bench_unless_they_are_named(
         assert add_bench_plane(request, Config()) is request
 
 
-def _depth(goal: str) -> Any:
-    """A goal of depths that takes a plane, whatever it is called."""
-    from pdcd.recipes.goals import OFF_AXIS_GOALS
-
-    return (
-        next(name for name in sorted(OFF_AXIS_GOALS) if name != "epipolar")
-        if goal == "plane"
-        else goal
-    )
-
-
 def test_depths_that_are_named_otherwise_leave_the_plane_of_the_bench() -> None:
     rig = config(rig={"arrangement": "off-axis", "plane": (0.5, 0.0, 0.0)})
     named: Any = {"file": "x"}
     for field in ("disparities", "warp"):
-        request = msgspec.structs.replace(CaptureRequest(goal=_depth("plane")), **{field: named})
+        request = msgspec.structs.replace(CaptureRequest(goal="keyed"), **{field: named})
         assert add_bench_plane(request, rig) is request
 
 
@@ -214,10 +202,8 @@ def test_windows_cover_what_the_panels_are_apart(
         assert choose_window(asked, apart, blur) == window
 
 
-def test_shares_of_a_cell_and_lags_are_in_its_units() -> None:
-    found = config(rig={"misregistration_px": 2.0}, mask={"blur_px": 1.0, "jitter_s": 3e-4},
-                   projector={"jitter_s": 4e-4})  # fmt: skip
-    assert scale_errors_to_cells(found, 8.0) == (0.25, 0.125)
+def test_a_lag_is_in_rows_and_not_always_needed() -> None:
+    found = config(mask={"jitter_s": 3e-4}, projector={"jitter_s": 4e-4})
     for given, wanted_rows in ((None, None), (-0.005, pytest.approx(-0.3))):
         lag, jitter = convert_lag_to_rows(found, given)
         assert lag == wanted_rows and jitter == pytest.approx(0.03)
@@ -280,47 +266,7 @@ def test_equal_brightness_is_for_shares_alone(fields: dict[str, Any]) -> None:
         scale_code_count(64, CaptureRequest(**fields))
 
 
-@pytest.mark.parametrize(
-    ("now", "peak", "expected", "aperture", "sure"),
-    [
-        (4.0, 0.95, 0.6, 16.0, False),  # clipped: four times narrower
-        (16.0, 1.0, 0.6, 16.0, True),
-        (8.0, 0.01, 0.6, 2.0, False),  # too dark: so that the next peak is at 0.3
-        (8.0, 0.0, 0.0, 1.0, False),
-        (1.0, 0.0, 0.0, 1.0, True),
-        (4.0, 0.02, 0.6, 4.0, True),
-        (4.0, 0.949, 0.61, 8.0, True),
-        (4.0, 0.5, 2.4, 8.0, True),
-        (4.0, 0.5, 0.15, 2.0, True),
-        (4.0, 0.5, 99.0, 16.0, True),
-    ],
-)
-def test_the_next_aperture_puts_the_brightest_sample_where_it_is_wanted(
-    now: float, peak: float, expected: float, aperture: float, sure: bool
-) -> None:
-    stops = (1.0, 2.0, 4.0, 8.0, 16.0)
-    assert choose_next_aperture(stops, now, peak, expected) == (aperture, sure)
-    assert [pick_aperture(stops, f) for f in (0.5, 2.0, 2.1, 99.0)] == [1.0, 2.0, 4.0, 16.0]
-
-
 def test_light_of_codes_is_the_mean_of_products() -> None:
     primal = np.packbits(np.array([[1, 1, 1, 1], [1, 0, 0, 0]], np.bool_), axis=1)
     dual = np.packbits(np.array([[1, 1, 0, 0], [1, 1, 1, 1]], np.bool_), axis=1)
     assert average_pair_light((primal, dual), 4) == pytest.approx((1.0 * 0.5 + 0.25 * 1.0) / 2)
-
-
-@pytest.mark.parametrize(("codes", "shared"), [(32, False), (8, True)])
-def test_cells_of_a_row_share_no_code_where_depths_are_keyed(codes: int, shared: bool) -> None:
-    rig = config(rig={"arrangement": "off-axis"}, schedule={"window": "whole"})
-    plan = make_plan(CaptureRequest(goal="keyed", codes=codes, pilot=0, parts=1), rig, GRID)
-    assert plan.family == "hadamard"
-    (primal, _) = next(pair for pair in plan.patterns.values() if len(pair[0]))
-    assert primal.dtype == np.uint8
-    bits = np.unpackbits(primal.astype(np.uint8), axis=1, count=GRID[0] * GRID[1]).reshape(
-        -1, *GRID
-    )
-    for row in range(GRID[0]):
-        columns = {bits[:, row, col].tobytes() for col in range(GRID[1])}
-        assert (len(columns) < GRID[1]) is shared
-    told = [reason for reason in plan.reasons if reason.startswith("codes: of the cells")]
-    assert len(told) == 1 and ("none share" in told[0]) is not shared
