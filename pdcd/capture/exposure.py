@@ -25,6 +25,11 @@ class RigExposure:
     """Contents of its RAW files, by name, where these are only in memory."""
 
     @property
+    def planes(self) -> tuple[RawFile, ...]:
+        """Its RAW files: two of a camera with two buckets."""
+        return (self.raw,) if self.raw.second is None else (self.raw, self.raw.second)
+
+    @property
     def open_s(self) -> float:
         """How long the shutter was surely open, by the rig's clock."""
         return (self.close_ns - self.open_ns) * 1e-9

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from pdcd.bench.devices import Preview
 from pdcd.bench.registry import list_known_drivers, load_driver
-from pdcd.capture.job import make_failure, mark_unsafe
+from pdcd.capture.job import make_failure, mark_unsafe, to_job_error
 from pdcd.capture.live_frame import LiveFrames
 from pdcd.capture.raw_finder import RawFinder
 from pdcd.capture.rig import Rig
-from pdcd.errors import Cancelled, DeviceLost, PdcdError, to_typed_error
+from pdcd.errors import Cancelled, DeviceLost, PdcdError
 from pdcd.panels.frames import Frames
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import LiveFrame
@@ -156,11 +156,7 @@ def run_live_view(
             thread.start()
             _pass_on(thread, made, tell, cancelled, ended)
         except BaseException as err:
-            if isinstance(err, KeyboardInterrupt):
-                raise
-            failure = to_typed_error(err)
-            if failure is not err:
-                logger.error("live view failed job=%s", job, exc_info=err)
+            failure = to_job_error(err, "live view", job)
         finally:
             safe = _make_dark(rig, thread)
     if isinstance(failure, Cancelled):  # wherever it was heard

@@ -72,10 +72,8 @@ class ShotTaker:
             if wanted.kind in ("dark", "look"):
                 return SpoiltPhoto(err.message)
             raise
-        second = done.raw.second
-        planes = [done.raw] if second is None else [done.raw, second]
         return AuxiliaryPhoto(
-            tuple((self._file(plane), plane.sha256) for plane in planes), done.open_s
+            tuple((self._file(plane), plane.sha256) for plane in done.planes), done.open_s
         )
 
     def _shot(self, wanted: PhotoOrder) -> tuple[ShotRecord, ...]:
@@ -88,8 +86,7 @@ class ShotTaker:
         first, *others = make_shot_records(
             wanted, done, level, self._planned_s(wanted, done), self._file
         )
-        planes = [done.raw] if done.raw.second is None else [done.raw, done.raw.second]
-        self.last = {self._file(plane): done.held.get(plane.path.name) for plane in planes}
+        self.last = {self._file(plane): done.held.get(plane.path.name) for plane in done.planes}
         self.journal.ledger.take(first)
         for record, (name, frames) in zip(others, wanted.beside, strict=True):
             folder.write_frames(name, frames, log)
@@ -198,8 +195,8 @@ class ShotTaker:
             hold=self.keep != "all",
         )
         held = {}
-        for plane in (done.raw, done.raw.second):
-            if plane is not None and plane.path.name in done.held:
+        for plane in done.planes:
+            if plane.path.name in done.held:
                 path = self._file(plane)
                 held[path] = done.held[plane.path.name]
                 self.held[path] = FileRecord(plane.sha256, plane.size_bytes)

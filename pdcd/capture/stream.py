@@ -31,7 +31,7 @@ from pdcd.capture.rig import Rig
 from pdcd.capture.shots import TakenShot, make_shot_records, measure_code_level
 from pdcd.capture.worker.answers import PhotoOrder
 from pdcd.capture.worker.proxy import WorkerProxy
-from pdcd.capture.worker.rolling import RollingPicture, StreamPhoto, StreamPlan, StreamRound
+from pdcd.capture.worker.rolling import RollingPicture, StreamPhoto, StreamRound
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, DecodeError, ExposureError, PhotoError, SyncError
 from pdcd.files.opening import UnsoundFileError
@@ -209,13 +209,14 @@ class StreamTaker:
         rig: Rig,
         job: EngineJob,
         request: StreamRequest,
-        plan: StreamPlan,
+        rounds: tuple[StreamRound, ...],
         folder: Path,
         first: Mapping[str, TakenShot],
     ) -> None:
-        """folder : where the first set of photos was taken; `first` are its shots by name."""
+        """rounds : what is taken, one after the other, and then from the first one again. folder :
+        where the first set of photos was taken; `first` are its shots by name."""
         self._config, self._rig, self._job = config, rig, job
-        self._request, self._plan, self._folder = request, plan, folder
+        self._request, self._rounds, self._folder = request, rounds, folder
         self._taken = {name: [shot] for name, shot in first.items()}
         """The last few of each shot: it is not known yet whether the newest is sound."""
         self._again = False
@@ -238,7 +239,7 @@ class StreamTaker:
         def ended() -> bool:
             return last_s is not None and maker.seen_s >= last_s
 
-        for round_ in cycle(self._plan.rounds):
+        for round_ in cycle(self._rounds):
             if self._wait_until(due_s, ended):
                 return
             due_s = max(due_s, time.monotonic() - step_s) + step_s
@@ -318,7 +319,7 @@ class StreamTaker:
         """Contents of the files of an exposure, which are removed from the disk. Raises
         DecodeError."""
         held = {}
-        for plane in filter(None, (done.raw, done.raw.second)):
+        for plane in done.planes:
             name = plane.path.name
             if name in done.held:
                 held[self._file(plane)] = done.held[name]

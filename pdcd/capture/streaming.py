@@ -113,8 +113,8 @@ def _take_stream(
     first = bench.make_run(ordered, folder, shown)
     view = bench.describe()
     first.take_photos(view)
-    plan = bench.worker.do(ordered.watch(), Worker.roll, request.over)
-    taker = StreamTaker(bench.config, bench.rig, ordered, request, plan, folder.path, shown)
+    rounds = bench.worker.do(ordered.watch(), Worker.roll, request.over)
+    taker = StreamTaker(bench.config, bench.rig, ordered, request, rounds, folder.path, shown)
 
     def record(order: RecordOrder, taken: Mapping[str, TakenShot]) -> None:
         order.done(_record(bench, order, ordered, first, taken, view))

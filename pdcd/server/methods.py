@@ -230,10 +230,7 @@ class Methods:
         return self._config
 
     async def _plan(self, caller: Caller, params: PlanParams, given: Given) -> PlanSummary:
-        if caller.gone:  # while its arrays were read
-            raise Cancelled("the client has gone")
-        if params.queue:
-            self._refuse_many(caller)
+        self._expect_job(caller, queue=params.queue)
         with self._place(params.out, make=False):
             pass
         job = self._runner.start(
@@ -242,10 +239,7 @@ class Methods:
         return await self._answer(job, PlanSummary)
 
     def _start(self, caller: Caller, params: StartParams, given: Given) -> Admission:
-        if caller.gone and not params.detach:  # while its arrays were read
-            raise Cancelled("the client has gone")
-        if params.queue:
-            self._refuse_many(caller)
+        self._expect_job(caller, queue=params.queue, detach=params.detach)
         place = self._place(params.out)
         try:
             request = params.request()
@@ -262,7 +256,7 @@ class Methods:
         except BaseException:
             place.close()
             raise
-        return Admission(job=job.name, state=job.state)
+        return _admission(job)
 
     async def _wait(self, caller: Caller, params: JobParams) -> CaptureResult:
         return await self._runner.wait(params.job)
@@ -271,8 +265,7 @@ class Methods:
         return await self._runner.cancel(params.job)
 
     async def _calibrate(self, caller: Caller, params: CalibrateParams) -> Admission:
-        if params.queue:
-            self._refuse_many(caller)
+        self._expect_job(caller, queue=params.queue, detach=params.detach)
         job = self._runner.start(
             params.request(),
             NO_ARRAYS,
@@ -281,11 +274,10 @@ class Methods:
             detach=params.detach,
             queue=params.queue,
         )
-        return Admission(job=job.name, state=job.state)
+        return _admission(job)
 
     async def _proceed(self, caller: Caller, params: JobParams) -> Admission:
-        job = self._runner.proceed(params.job)
-        return Admission(job=job.name, state=job.state)
+        return _admission(self._runner.proceed(params.job))
 
     async def _list(self, caller: Caller, params: ListParams) -> JobList:
         found = None
@@ -328,23 +320,19 @@ class Methods:
         return await self._answer(job, PreviewView)
 
     async def _live(self, caller: Caller, params: LiveParams) -> Admission:
-        job = self._runner.start(params, NO_ARRAYS, _owner(caller), kind="live")
-        return Admission(job=job.name, state=job.state)
+        return _admission(self._runner.start(params, NO_ARRAYS, _owner(caller), kind="live"))
 
     async def _frame(self, caller: Caller, params: FrameParams) -> LiveFrame:
         frame = await self._runner.see_next(params.job, params.after)
         return frame if params.picture else msgspec.structs.replace(frame, jpeg=b"")
 
     def _stream(self, caller: Caller, params: StreamParams, given: Given) -> Admission:
-        if caller.gone:  # while its arrays were read
-            raise Cancelled("the client has gone")
-        if params.queue:
-            self._refuse_many(caller)
+        self._expect_job(caller, queue=params.queue)
         make_set_request(params)  # what is no stream is refused at once
         job = self._runner.start(
             params.request(), given, _owner(caller), kind="stream", queue=params.queue
         )
-        return Admission(job=job.name, state=job.state)
+        return _admission(job)
 
     async def _stream_frame(
         self, caller: Caller, params: StreamFrameParams
@@ -380,9 +368,14 @@ class Methods:
             raise PdcdError(f"job {job.name} gave no {kind.__name__}")
         return answer
 
-    def _refuse_many(self, caller: Caller) -> None:
-        """Raise BusyError when enough jobs of this user wait; root and the daemon's own user have
-        no limit."""
+    def _expect_job(self, caller: Caller, *, queue: bool, detach: bool = False) -> None:
+        """Raise Cancelled for a job that would end with a client who left while its arrays were
+        read, and BusyError for one more to wait when enough jobs of this user do; root and the
+        daemon's own user have no limit."""
+        if caller.gone and not detach:
+            raise Cancelled("the client has gone")
+        if not queue:
+            return
         most = self._config.limits.queued_per_user
         waiting = sum(job.owner.uid == caller.peer.uid for job in self._runner.table.queue)
         if waiting >= most and caller.peer.uid not in (0, os.geteuid()):
@@ -410,6 +403,10 @@ def _require(caller: Caller, needed: ClientRole, what: str) -> None:
             hint=f"the role needed is {needed.name.lower()}: see [server.look], "
             "[server.shoot] and [server.administer]",
         )
+
+
+def _admission(job: Job) -> Admission:
+    return Admission(job=job.name, state=job.state)
 
 
 def _owner(caller: Caller) -> Owner:

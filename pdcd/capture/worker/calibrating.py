@@ -354,14 +354,3 @@ def _record(figure: MeasuredFigure) -> FigureRecord:
         limit=figure.limit,
         verdict=_VERDICTS[figure.verdict],
     )
-
-
-__all__ = [
-    "METER",
-    "CalibrationStart",
-    "CalibrationStudy",
-    "Next",
-    "NextPhoto",
-    "OperatorTask",
-    "StepResult",
-]

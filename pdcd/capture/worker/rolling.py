@@ -1,6 +1,6 @@
 """A stream in the worker: photos that renew a finished first set, picture after picture.
 
-The owner of the devices takes the photos of a `StreamPlan`, over and over. In the darkroom each
+The owner of the devices takes the photos of all rounds, over and over. In the darkroom each
 photo replaces the one before it, which is forgotten, so that memory does not grow.
 """
 
@@ -45,15 +45,6 @@ class StreamRound:
     photos: tuple[PhotoOrder, ...]
 
 
-@dataclass(frozen=True)
-class StreamPlan:
-    """What a stream takes, round after round, and then from the first one again. answer : name of
-    its picture."""
-
-    rounds: tuple[StreamRound, ...]
-    answer: str
-
-
 @dataclass(frozen=True, eq=False)
 class StreamPhoto:
     """A photo as it came: the shots of its planes, the frame log, and its files in memory by their
@@ -94,19 +85,14 @@ class StreamCourse:
         """over : how many of the newest parts make a picture. Raises DecodeError."""
         self._course = course
         self._rolling = RollingPictures(course.darkroom, over, watch)
-        plan = course.plan
         self._frames: dict[str, Frames] = {}
-        rounds = make_rounds(keep_answer(plan.recipe))
+        rounds = make_rounds(keep_answer(course.plan.recipe))
         orders: dict[str, PhotoOrder] = {}
         for shot in (shot for _, shots in rounds for shot in shots):
             order = orders[shot.name] = orders.get(shot.name) or course.order(shot)
             self._frames |= {order.name: order.frames, **dict(order.beside)}
-        self.plan = StreamPlan(
-            tuple(
-                StreamRound(part, tuple(orders[shot.name] for shot in shots))
-                for part, shots in rounds
-            ),
-            plan.recipe.answer_name,
+        self.rounds = tuple(
+            StreamRound(part, tuple(orders[shot.name] for shot in shots)) for part, shots in rounds
         )
         self._white = 0.0
 

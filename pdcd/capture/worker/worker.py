@@ -51,7 +51,7 @@ if TYPE_CHECKING:
         RollingPicture,
         StreamCourse,
         StreamPhoto,
-        StreamPlan,
+        StreamRound,
     )
 
 
@@ -193,13 +193,13 @@ class Worker:
         """Forget all of the job."""
         self._job = self._course = self._finished = self._stream = self._kept = None
 
-    def roll(self, watch: Watch, over: int) -> StreamPlan:
+    def roll(self, watch: Watch, over: int) -> tuple[StreamRound, ...]:
         """Go on with the photos of a finished course, again and again; returns what to take, round
         after round. over : how many of the newest parts make a picture. Raises DecodeError."""
         from pdcd.capture.worker.rolling import StreamCourse  # no capture waits for it
 
         self._stream = StreamCourse(self._of_course(), over, watch)
-        return self._stream.plan
+        return self._stream.rounds
 
     def see(
         self, watch: Watch, photo: StreamPhoto, part: int | None, *, draw: bool
