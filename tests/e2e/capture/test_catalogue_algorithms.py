@@ -129,16 +129,6 @@ def test_a1_isolation_of_too_many_pairs_is_refused_before_anything_is_built(
         make_plan(CaptureRequest(goal="indirect", family="isolation"), config, grid)
 
 
-def test_a3_optical_probing_takes_one_raw_file_a_photo(tmp_path: Path) -> None:
-    """And each photo's file is the sum over its codes (E5), to quantisation."""
-    made = run(tmp_path, codes=64, pilot=0)
-    assert [shot.raw for shot in made.manifest.run.shots] == ["raw/coded.dng"]
-    truth = truth_of(1.0 - np.eye(N))
-    np.testing.assert_allclose(made.image, np.broadcast_to(truth, made.image.shape), rtol=2e-3)
-    both = run(tmp_path / "signed", goal="diagonal", codes=64).manifest.run.shots
-    assert [shot.raw for shot in both] == ["raw/matched-plus.dng", "raw/matched-minus.dng"]
-
-
 def test_a4_patterns_are_there_before_the_shutter_opens(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

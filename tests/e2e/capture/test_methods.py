@@ -189,10 +189,3 @@ def test_black_exposures_of_checkers(tmp_path: Path) -> None:
         images[name], result = take(engine, goal="indirect", method="nayar", black_level=level)
         assert result.summary["shots"] == (8 if level == "none" else 16)
     np.testing.assert_allclose(images["lit"], images["dark"], atol=5e-3)
-
-
-def test_methods_do_not_isolate_paths(tmp_path: Path) -> None:
-    engine = engine_on(tmp_path, bench_rig.transport(GRID))
-    fields = {"goal": "indirect", "method": "nayar", "family": "isolation"}
-    result = bench_rig.capture(engine, msgspec.convert(fields, CaptureRequest))
-    assert result.error is not None and result.error["kind"] == "request"

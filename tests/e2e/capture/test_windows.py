@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, RigConfig, SceneConfig
-from pdcd.errors import ConfigError
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.planning.make import make_plan
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.record import Manifest
 from tests import bench_rig
@@ -72,41 +70,6 @@ def test_no_direct_light_gets_in_up_to_the_guard(window: str, leaks: bool, tmp_p
     # What is known to have got in is taken out.
     error = summary["rms_error_quads"]
     assert isinstance(error, float) and error < 0.01
-
-
-def test_the_plan_tells_of_the_largest_window_that_fits(tmp_path: Path) -> None:
-    """Misregistration of just less than an eighth of a cell: 3/4 of its side may open."""
-    config = bench_rig.config(
-        tmp_path,
-        grid=GRID,
-        mask=PanelConfig(size_px=(1024, 768)),
-        rig=RigConfig(misregistration_px=CELL_PX / 8 - 1.0),
-    )
-    plans = {
-        window: make_plan(
-            msgspec.convert({"goal": "indirect", "window": window}, CaptureRequest), config, GRID
-        ).summary()
-        for window in ("auto", "side-3/4")
-    }  # fmt: skip
-    assert plans["auto"].window == "quarter"
-    told = [reason for reason in plans["auto"].reasons if "times the light" in reason]
-    assert told == ["window side-3/4 has 2.25 times the light, and fits how the panels meet"]
-    assert plans["side-3/4"].light_share / plans["auto"].light_share == pytest.approx(2.25)
-    coarse = bench_rig.config(
-        tmp_path, grid=GRID, mask=PanelConfig(size_px=(1000, 750)),
-        rig=RigConfig(misregistration_px=CELL_PX / 8 - 1.0),
-    )  # fmt: skip
-    asked = CaptureRequest(goal="indirect")
-    assert not any("times the light" in text for text in make_plan(asked, coarse, GRID).reasons)
-
-
-def test_windows_that_end_amid_a_pixel_are_refused(tmp_path: Path) -> None:
-    """A pixel more or less in a window that overlaps others is light that nobody counts."""
-    asked = CaptureRequest(goal="indirect", window="side-3/4", codes=8)
-    config = bench_rig.config(tmp_path, mask=PanelConfig(size_px=(1600, 1200)))
-    with pytest.raises(ConfigError, match="do not lie on those of the mask's pixels"):
-        make_plan(asked, config, (48, 64))
-    assert make_plan(asked, config, (30, 40)).window == "side-3/4"  # cells of 40 pixels
 
 
 @pytest.mark.long

@@ -7,7 +7,6 @@ import base64
 import gc
 import json
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -23,7 +22,6 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import RigConfig, ServerConfig
-from pdcd.client import Client
 from pdcd.errors import BusyError, PdcdError, RequestError
 from pdcd.files import reading
 from pdcd.files.arrays import read_array
@@ -32,9 +30,7 @@ from pdcd.protocol.request import CaptureRequest, SentArray
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.patterns import read_patterns
 from pdcd.server.access import Peer
-from pdcd.server.descriptors import Descriptors
 from pdcd.server.intake import Intake
-from pdcd.server.protocol import RpcRequest, parse_line
 from pdcd.server.readers import Readers
 from tests import bench_rig
 from tests.e2e.server._server_harness import Daemon, Wire, nothing_left, served
@@ -176,16 +172,6 @@ async def test_arrays_that_wait_are_bounded_and_let_go(monkeypatch: pytest.Monke
     await intake.take(request, (), SELF)
 
 
-async def test_long_rows_become_an_array_and_short_ones_stay() -> None:
-    intake = Intake(None, (100, 100))
-    for size, kept_as in ((64, tuple), (65, SentArray)):
-        rows = ((0.5,) * size,) * 64
-        request = CaptureRequest(goal="illuminated", illumination=rows)
-        kept, given = await intake.take(request, (), SELF)
-        assert isinstance(kept.illumination, kept_as)
-        assert ("illumination" in given) == (kept_as is SentArray)
-
-
 @served
 async def test_the_engine_gets_the_arrays_and_jobs_let_go_of_them(
     running: Daemon, wire: Wire
@@ -233,33 +219,6 @@ async def test_a_client_that_leaves_while_its_arrays_are_read_starts_nothing(
         error = (await wire.answer(1))["error"]
         assert error["data"]["kind"] == "cancelled"
     assert (await other.result("capture.list"))["jobs"] == []
-
-
-def test_descriptors_are_sent_with_their_line(tmp_path: Path) -> None:
-    """What `Client` puts on the wire, taken apart by hand on the other end of a socket pair."""
-    np.save(tmp_path / "warp.npy", LIGHT)
-    here, there = socket.socketpair()
-    client = Client.__new__(Client)
-    client._sock, client._timeout_s, client._next_id, client._path = here, 5.0, 0, "pair"
-    arrays: dict[str, Sendable] = {"illumination": LIGHT, "warp": tmp_path / "warp.npy"}
-    with here, there:
-        client._send_with(arrays, "capture.plan", {"goal": "white", "note": "n" * 3000})
-        line, fds, _, _ = socket.recv_fds(there, 65536, 8)
-        assert b'"fds":2' in line and len(fds) == 2
-
-        async def take() -> Any:
-            held = Descriptors()
-            held.receive(fds)
-            request = parse_line(line.strip(), held)
-            assert isinstance(request, RpcRequest) and isinstance(request.params, CaptureRequest)
-            assert request.params.warp == SentArray(fd=1, file="warp.npy")
-            _, given = await Intake(None, GRID).take(request.params, request.fds, SELF)
-            await held.end()
-            return given
-
-        given = asyncio.run(take())
-        np.testing.assert_array_equal(given["illumination"], LIGHT)
-        np.testing.assert_array_equal(given["warp"], LIGHT)
 
 
 @pytest.mark.timeout(180)

@@ -7,8 +7,6 @@ import os
 import re
 import socket
 import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,55 +20,24 @@ from pdcd.protocol.events import COMMON_FIELDS, TYPES
 from pdcd.protocol.messages import CODES, METHODS
 from pdcd.protocol.views import ClientRole
 from pdcd.server import callers, connections, reading
+from tests.e2e.server.test_daemon_real import connect
+from tests.e2e.server.test_daemon_real import daemon as daemon_of
 from tests.places import ROOT
-from tests.sampled import sampled
 from tests.tools import linked, needs, program
 
 pytestmark = pytest.mark.whole
 
 DOCUMENT = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
 
-REAL = """
-import sys
-from pathlib import Path
-from pdcd.bench.tables import Config, ServerConfig
-from pdcd.capture.engine import Engine
-from pdcd.server.daemon import run_daemon
-config = Config(server=ServerConfig(state_dir=sys.argv[2]))
-sys.exit(run_daemon(config, socket=Path(sys.argv[1]), engine_factory=Engine.from_config))
-"""
-
-
-def answers(path: Path) -> bool:
-    """Whether somebody listens: the file of a socket is there a moment before that."""
-    with socket.socket(socket.AF_UNIX) as sock:
-        return sock.connect_ex(str(path)) == 0
-
 
 @contextmanager
-def daemon(engine: str, folder: Path) -> Iterator[Path]:
-    """A daemon of its own process with the fake engine, or the real one on the mock bench."""
-    path = folder / "s"
-    if engine == "real":
-        command = [sys.executable, "-c", REAL, str(path), str(folder)]
-    else:
-        command = [sys.executable, "-m", "tests.e2e.server._fake_engine"]
-        command += ["--socket", str(path), "--state-dir", str(folder)]
-    log = folder / "log"
-    with (
-        log.open("w") as stderr,
-        subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=stderr) as child,
-    ):
-        try:
-            deadline = time.monotonic() + 60
-            while not answers(path) and child.poll() is None and time.monotonic() < deadline:
-                time.sleep(0.01)
-            assert answers(path), log.read_text()
-            yield path
-            child.terminate()
-            assert child.wait(60) == 0
-        finally:
-            child.kill()
+def daemon(folder: Path) -> Iterator[Path]:
+    """The socket of a daemon of its own process, on the mock bench."""
+    with daemon_of(folder) as (process, path):
+        connect(path).close()
+        yield path
+        process.terminate()
+        assert process.wait(60) == 0
 
 
 def section(title: str) -> str:
@@ -111,8 +78,7 @@ def read(stream: BinaryIO) -> dict[str, Any]:
     return message
 
 
-@pytest.mark.parametrize("engine", sampled(["real", "fake"], 2))
-def test_the_session_of_the_document_can_be_replayed(engine: str, tmp_path: Path) -> None:
+def test_the_session_of_the_document_can_be_replayed(tmp_path: Path) -> None:
     lines = fenced("A session", "text").splitlines()
     shown = [json.loads(line[4:]) for line in lines if line.startswith("<-- ")]
     asked = [line[4:] for line in lines if line.startswith("--> ")]
@@ -120,7 +86,7 @@ def test_the_session_of_the_document_can_be_replayed(engine: str, tmp_path: Path
     job = next(m["result"]["job"] for m in shown if "state" in m.get("result", {}))
     got: dict[Any, dict[str, Any]] = {}
     events: list[dict[str, Any]] = []
-    with daemon(engine, tmp_path) as path, socket.socket(socket.AF_UNIX) as sock:
+    with daemon(tmp_path) as path, socket.socket(socket.AF_UNIX) as sock:
         sock.settimeout(60)
         sock.connect(str(path))
         with sock.makefile("rb") as stream:
@@ -158,7 +124,7 @@ def test_the_session_of_the_document_can_be_replayed(engine: str, tmp_path: Path
 @needs("bash", "socat", "jq")
 def test_the_script_of_the_document_runs(tmp_path: Path) -> None:
     programs = linked(tmp_path / "bin", "socat", "jq")
-    with daemon("fake", tmp_path) as path:
+    with daemon(tmp_path) as path:
         done = subprocess.run(
             [program("bash"), "-eu", "-o", "pipefail", "-c", fenced("Try it", "bash")],
             env={**os.environ, "PATH": programs, "SOCKET": str(path)},
@@ -201,7 +167,7 @@ def test_every_event_and_each_of_its_fields_is_in_the_table() -> None:
 def test_the_python_of_the_document_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with daemon("fake", tmp_path) as path:
+    with daemon(tmp_path) as path:
         exec(fenced("Events", "python"), {"socket": path, "__name__": "example"})
     first, queued, *events, last = capsys.readouterr().out.splitlines()
     job = queued.split()[0]

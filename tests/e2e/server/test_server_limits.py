@@ -76,21 +76,6 @@ async def test_who_asks_too_much_at_a_time_is_told_so(running: Daemon, wire: Wir
         assert (await wire.answer(number))["result"]["state"] == "cancelled"
 
 
-def refused(path: Path) -> ConfigError:
-    """The error of a daemon that cannot have this socket; its engine is never made."""
-
-    def never(config: Config) -> FakeEngine:
-        raise AssertionError("the engine was made before the socket was had")
-
-    async def scenario() -> None:
-        await serve_daemon(Config(), socket=path, engine_factory=never, stop=asyncio.Event())
-
-    with pytest.raises(ConfigError) as caught:
-        asyncio.run(scenario())
-    assert caught.value.hint
-    return caught.value
-
-
 def test_groups_that_cannot_be_looked_up_end_the_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -109,13 +94,3 @@ def test_groups_that_cannot_be_looked_up_end_the_start(
     gate.set()
     for thread in set(threading.enumerate()) - before:
         thread.join(20.0)
-
-
-def test_a_second_daemon_is_refused_and_the_first_goes_on(tmp_path: Path) -> None:
-    path = tmp_path / "s"
-    with socket.socket(socket.AF_UNIX) as first:
-        first.bind(str(path))
-        first.listen()
-        assert "another daemon" in refused(path).message
-        with socket.socket(socket.AF_UNIX) as client:
-            client.connect(str(path))

@@ -38,7 +38,7 @@ def plan_of(rig: Config | None = None, **fields: Any) -> Plan:
     [
         ({"pilot": 32, "codes": 64, "family": "balanced"}, "cannot guide balanced", "hadamard"),
         ({"family": "isolation", "method": "multi-image"}, "does not isolate", "hadamard"),
-        ({"family": "confocal", "method": "multi-image"}, "does not isolate", "hadamard"),
+        ({"family": "confocal", "method": "nayar"}, "does not isolate", "hadamard"),
         ({"goal": "transport", "family": "isolation"}, "its own patterns, not by iso", "family"),
         ({"goal": "transport", "family": "confocal"}, "own patterns, not by conf", "family"),
         ({"family": "isolation", "parts": 2, "codes": 16}, "no codes to split", "parts"),
