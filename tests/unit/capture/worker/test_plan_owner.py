@@ -77,7 +77,7 @@ def course(monkeypatch: pytest.MonkeyPatch, *steps: Any, until: float | None = N
 
 def run(course: Any, *photos: Any) -> list[Any]:
     """All that is ordered; what is exposed comes as is said."""
-    left, orders, taken = list(photos), [], None
+    left, orders, taken = list(photos), list[Any](), None
     while not (orders and orders[-1].done):
         orders.append(course.next_exposure(Watch(), taken))
         taken = left.pop(0) if orders[-1].photo is not None else None

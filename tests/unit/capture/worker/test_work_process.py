@@ -247,7 +247,9 @@ def test_a_run_remembers_leaks_that_count_and_were_not_subtracted(
     leaks = LeakErrors(ambient=0.0, mask=0.0, both=0.2, floor=0.0, limit=limit, raw=())
     plan = replace(plan, how=msgspec.structs.replace(plan.how, black_level=level), leaks=leaks)
     camera: Any = SimpleNamespace(responsivity_e=np.array([1, 2, 3]))
-    for own, normalise in ((None, Config().schedule.normalise), ("global", "global")):
-        request: Any = CaptureRequest(goal="indirect", normalise=own)
+    for request, normalise in (
+        (CaptureRequest(goal="indirect"), Config().schedule.normalise),
+        (CaptureRequest(goal="indirect", normalise="row"), "row"),
+    ):
         found = make_run_record(plan, request, Config(), camera, NOBODY)
         assert (found.leak, found.normalise, found.shots) == (left, normalise, ())
