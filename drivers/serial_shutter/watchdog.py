@@ -66,6 +66,11 @@ class Guardian:
         self._limit_s, self._ended = 0.0, ""
         self._guard.start()
 
+    @property
+    def pid(self) -> int | None:
+        """Process id while it runs."""
+        return self._guard.pid
+
     def arm(self, limit_s: float) -> None:
         """As the Protocol says; a guardian that died is replaced, also in mid-exposure."""
         self._limit_s, self._ended = limit_s, ""
