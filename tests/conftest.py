@@ -13,9 +13,9 @@ from tests import world
 
 world.enter()  # before pdcd is imported, and whatever tests run while they are imported
 
-from tests.xserver import x_full, x_quarter
+from tests.xserver import x_quarter
 
-__all__ = ["x_full", "x_quarter"]
+__all__ = ["x_quarter"]
 
 # The same cases every time, and none fails because the machine is busy.
 settings.register_profile(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,15 +29,6 @@ TRIES = 3
 """A machine that does other work too may hold back the server that removes the windows."""
 BUSY = 0.75
 """Load for each core from which lost refreshes are the machine's own."""
-
-
-def hurry(server: XServer) -> None:
-    """Let the server keep time beside whatever else this machine does, where that is permitted.
-
-    A screen's vblank comes from its hardware; without one it is a timer of the server's.
-    """
-    with suppress(PermissionError):
-        os.sched_setscheduler(server.pid, os.SCHED_FIFO, os.sched_param(10))
 
 
 def busy() -> bool:

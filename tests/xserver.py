@@ -5,9 +5,9 @@ left) and `DUMMY0` (mask, right of it). Where it cannot run, Xvfb stands in with
 `screen` that covers both and has no refresh rate. Neither has a vblank, an EDID, DPMS that darkens
 anything, or page flips.
 
-Tests take the fixtures `x_quarter` (256 x 192 and 400 x 300) and `x_full` (1024 x 768 and
-1600 x 1200), one server each for the whole session, or call `run` for a server of their own: one
-that is killed, whose outputs are unplugged, or whose rates differ.
+Tests take the fixtures `x_quarter` (256 x 192 and 400 x 300) and, in `tests/presenter`, `x_full`
+(1024 x 768 and 1600 x 1200), one server each for the whole session, or call `run` for a server of
+their own: one that is killed, whose outputs are unplugged, or whose rates differ.
 """
 
 from __future__ import annotations
@@ -284,15 +284,18 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
+def hurry(server: XServer) -> None:
+    """Let the server keep time beside whatever else this machine does, where that is permitted.
+
+    A screen's vblank comes from its hardware; without one it is a timer of the server's.
+    """
+    with suppress(PermissionError):
+        os.sched_setscheduler(server.pid, os.SCHED_FIFO, os.sched_param(10))
+
+
 @pytest.fixture(scope="session")
 def x_quarter() -> Iterator[XServer]:
     """Panels of a quarter of their size, which software rendering serves at 60 Hz."""
     with run(*QUARTER) as server:
-        yield server
-
-
-@pytest.fixture(scope="session")
-def x_full() -> Iterator[XServer]:
-    """Panels at full size, for comparing pixels."""
-    with run(*FULL) as server:
+        hurry(server)
         yield server

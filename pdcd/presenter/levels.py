@@ -124,7 +124,7 @@ def read_levels(
             ramps.append((name, _spread(values[0::4], values[1::4], values[2::4])))
     matrix = display.xrandr_get_crtc_transform(crtc).current_transform
     transform = tuple(
-        _fixed(int(matrix[f"matrix{row}{column}"]), 32, 16) for row in "123" for column in "123"
+        _fixed(int(matrix[f"matrix{row}{column}"])) for row in "123" for column in "123"
     )
     names = (*(row.name for row in _TABLE), *_MATRICES)
     told = ((name, read_property_values(display, output, name)) for name in names)
@@ -226,15 +226,15 @@ def _matrices(output: str, role: str, levels: OutputLevels) -> Iterator[Finding]
             numbers = tuple(_sign_and_size(low + (high << 32)) for low, high in pairs)
             columns = 3
         else:
-            numbers, columns = tuple(_fixed(word, 32, 16) for word in words), 4
+            numbers, columns = tuple(_fixed(word) for word in words), 4
         if numbers != tuple(float(k // columns == k % columns) for k in range(len(numbers))):
             text = f"{output}: {_rows(numbers, columns)}: colours are mixed, or dimmed"
             yield Finding(f"{role} {name}", "fault", text, _set(output, name, unit))
 
 
-def _fixed(word: int, bits: int, fraction: int) -> float:
-    """A signed number from its bits, in two's complement."""
-    return float((word ^ 1 << bits - 1) - (1 << bits - 1)) / (1 << fraction)
+def _fixed(word: int) -> float:
+    """A number of 32 bits in two's complement, 16 of them after the point."""
+    return float((word ^ 1 << 31) - (1 << 31)) / (1 << 16)
 
 
 def _sign_and_size(word: int) -> float:

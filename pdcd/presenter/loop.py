@@ -52,8 +52,8 @@ class Loop:
         self._stop = stop
         self._stalls_ns = stalls_ns
 
-    def run(self, log_array: NDArray[Any], head_array: NDArray[Any], first: int) -> bool:
-        """Show all refreshes; False when stopped before the end.
+    def run(self, log_array: NDArray[Any], head_array: NDArray[Any], first: int) -> None:
+        """Show all refreshes, or as many as there are before the pass is stopped.
 
         Row n of the log is that of refresh n; stalls are counted from number `first`.
         """
@@ -102,8 +102,7 @@ class Loop:
             head[_MISSED] = missed
             head[_SHOWN] = n + 1
             if self._stop():
-                return False
+                return
             stall_ns = self._stalls_ns.get(n - first)
             if stall_ns is not None:
                 time.sleep(stall_ns * 1e-9)
-        return True

@@ -180,15 +180,6 @@ class Column(enum.IntEnum):
 LOG_COLUMNS = len(Column)
 
 
-def lay_out_arrays(arrays: Mapping[str, NDArray[Any]]) -> tuple[list[Slot], int]:
-    """Places of the arrays, one after the other, and their bytes together."""
-    slots, offset = [], 0
-    for name, array in arrays.items():
-        slots.append(Slot(name, array.dtype.str, array.shape, offset))
-        offset += -(-array.nbytes // _ALIGN_BYTES) * _ALIGN_BYTES
-    return slots, max(offset, _ALIGN_BYTES)
-
-
 def copy_to_shared_memory(
     arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[int, list[Slot], dict[str, NDArray[Any]]]:
@@ -196,9 +187,12 @@ def copy_to_shared_memory(
 
     The caller closes the descriptor; the copies stay valid.
     """
-    slots, size = lay_out_arrays(arrays)
+    slots, offset = [], 0
+    for name, array in arrays.items():
+        slots.append(Slot(name, array.dtype.str, array.shape, offset))
+        offset += -(-array.nbytes // _ALIGN_BYTES) * _ALIGN_BYTES
     fd = os.memfd_create("pdcd", os.MFD_CLOEXEC)
-    os.ftruncate(fd, size)
+    os.ftruncate(fd, max(offset, _ALIGN_BYTES))
     views = map_shared_arrays(fd, slots)
     for name, array in arrays.items():
         views[name][...] = array

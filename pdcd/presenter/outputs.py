@@ -232,7 +232,6 @@ def find_pair(
     *,
     projector: tuple[str, _Size],
     mask: tuple[str, _Size],
-    rate_tolerance: float = RATE_TOLERANCE,
 ) -> OutputPair:
     """Projector and mask, each found by (name or serial, size in pixels), fit for lockstep.
 
@@ -240,7 +239,7 @@ def find_pair(
     ------
     ConfigError
         `find_output` does not find one of them, or it has another size; they overlap; or their
-        rates differ by more than `rate_tolerance` (relative).
+        rates differ by more than `RATE_TOLERANCE`.
     DeviceLost
         One of them is not connected.
     """
@@ -251,7 +250,7 @@ def find_pair(
         found.append(output)
     pair = OutputPair(found[0], found[1])
     _check_apart(pair)
-    check_rates(pair.projector.refresh_hz, pair.mask.refresh_hz, rate_tolerance)
+    check_rates(pair.projector.refresh_hz, pair.mask.refresh_hz)
     return pair
 
 
@@ -286,9 +285,7 @@ def place_pair(
     return pair
 
 
-def check_rates(
-    projector_hz: float | None, mask_hz: float | None, tolerance: float = RATE_TOLERANCE
-) -> None:
+def check_rates(projector_hz: float | None, mask_hz: float | None) -> None:
     """Refuse two rates that drift apart too fast; unknown rates pass.
 
     Raises ConfigError.
@@ -296,7 +293,7 @@ def check_rates(
     apart_s = slip_s(projector_hz, mask_hz)
     if apart_s is None or projector_hz is None or mask_hz is None:
         return
-    if abs(projector_hz - mask_hz) > tolerance * projector_hz:
+    if abs(projector_hz - mask_hz) > RATE_TOLERANCE * projector_hz:
         raise ConfigError(
             f"projector {projector_hz:.4f} Hz and mask {mask_hz:.4f} Hz slip by one refresh "
             f"every {apart_s:.1f} s",

@@ -44,7 +44,7 @@ _SUPPORTED = (24, 0xFF0000, 0x00FF00, 0x0000FF)
 
 
 class RootGrabber:
-    """Reads rectangles of the root window, (H, W, 3) uint8 RGB, top row first.
+    """Reads the root window, (H, W, 3) uint8 RGB, top row first.
 
     Blocks until the server answers: 0.9 ms for 656 x 300 pixels, 19 ms for 2624 x 1200 (median of
     20, two cores, software rendering). Belongs to one thread.
@@ -59,7 +59,7 @@ class RootGrabber:
             with guard_x_calls(look):
                 screen, format_ = look.screen(), _pixel_format(look)
                 self._root = int(screen.root.id)
-                self.size_px = (int(screen.width_in_pixels), int(screen.height_in_pixels))
+                self._size_px = (int(screen.width_in_pixels), int(screen.height_in_pixels))
                 self._name = str(look.get_display_name())
         finally:
             close_x_connection(look)
@@ -75,19 +75,13 @@ class RootGrabber:
             self.close()
             raise make_server_lost(self._name, "connection refused")
 
-    def grab(self, box: tuple[int, int, int, int] | None = None) -> Pixels:
-        """Pixels of `box` (x, y, width, height), or of the whole screen in its first size.
-
-        Raises ConfigError when the box is not within the screen.
-        """
-        x, y, width, height = box or (0, 0, *self.size_px)
+    def grab(self) -> Pixels:
+        """Pixels of the whole screen in its first size. Raises ConfigError when it is smaller."""
+        width, height = self._size_px
         if self._connection is None:
             raise DeviceLost("the grabber is closed", device="display", hint="open a new one")
-        # All fields of the request are unsigned or short: never let one wrap round.
-        if min(x, y) < 0 or min(width, height) < 1 or max(x, y, width, height) > 0x7FFF:
-            raise _outside(x, y, width, height)
         cookie = self._xcb.xcb_get_image(
-            self._connection, _ZPIXMAP, self._root, x, y, width, height, _ALL_PLANES
+            self._connection, _ZPIXMAP, self._root, 0, 0, width, height, _ALL_PLANES
         )
         error = ctypes.c_void_p()
         reply = self._xcb.xcb_get_image_reply(self._connection, cookie, ctypes.byref(error))
@@ -95,7 +89,11 @@ class RootGrabber:
             if reply is None:
                 if error.value is None:
                     raise make_server_lost(self._name, "it ended while being asked for pixels")
-                raise _outside(x, y, width, height)
+                raise ConfigError(
+                    f"{width} x {height} pixels at +0+0 are not within the X screen",
+                    device="display",
+                    hint="has an output changed?",
+                )
             size = width * height * 4
             held = (ctypes.c_uint8 * size).from_address(reply + _REPLY_HEADER)
             bgrx = np.ctypeslib.as_array(held).reshape(height, width, 4)
@@ -123,14 +121,6 @@ def _pixel_format(display: Any) -> tuple[int, int, int, int] | None:
             if visual.visual_id == screen.root_visual:
                 return depth.depth, visual.red_mask, visual.green_mask, visual.blue_mask
     return None
-
-
-def _outside(x: int, y: int, width: int, height: int) -> ConfigError:
-    return ConfigError(
-        f"{width} x {height} pixels at +{x}+{y} are not within the X screen",
-        device="display",
-        hint="has an output changed?",
-    )
 
 
 class _Library:

@@ -21,7 +21,7 @@ from pdcd.presenter.timing import RefreshTiming, make_random_codes, measure_refr
 from tests import x11_rig
 from tests.bench.measure import REPEATS
 from tests.bench.tables import Aim, Section, Table, grid_name, seconds
-from tests.xserver import FULL, QUARTER, XServer, run
+from tests.xserver import FULL, QUARTER, XServer, hurry, run
 
 GRID = (48, 64)
 COUNTS = (128, 4096, 65536)
@@ -71,13 +71,13 @@ def _measure(*, quick: bool) -> tuple[list[Table], list[Aim]]:
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         with run(*FULL) as server:
-            x11_rig.hurry(server)
+            hurry(server)
             free, bent = (_with(c, time_source="free") for c in _configs(folder, server))
             _add(table, "full size, free running", measure_refreshes(free, few))
             warped = measure_refreshes(bent, few)
             _add(table, "full size, free running, warped", warped)
         with run(*QUARTER) as server:
-            x11_rig.hurry(server)
+            hurry(server)
             config, bent = _configs(folder, server)
             free, again = (_with(c, time_source="free") for c in (config, bent))
             _add(table, "a quarter, free running", measure_refreshes(free, frames))

@@ -1,4 +1,4 @@
-"""X servers for everything in this folder, and software rendering in whatever draws on them."""
+"""A large X server, and software rendering in whatever draws on any."""
 
 from __future__ import annotations
 
@@ -6,23 +6,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests import x11_rig
-from tests.xserver import FULL, QUARTER, XServer, run
-
-
-@pytest.fixture(scope="session")
-def x_quarter() -> Iterator[XServer]:
-    """Panels of a quarter of their size, which software rendering serves at 60 Hz."""
-    with run(*QUARTER) as server:
-        x11_rig.hurry(server)
-        yield server
+from tests.xserver import FULL, XServer, hurry, run
 
 
 @pytest.fixture(scope="session")
 def x_full() -> Iterator[XServer]:
     """Panels at full size, for comparing pixels."""
     with run(*FULL) as server:
-        x11_rig.hurry(server)
+        hurry(server)
         yield server
 
 

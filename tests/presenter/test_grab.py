@@ -25,7 +25,7 @@ from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.schedule import build_frames
 from pdcd.presenter.xconnection import close_x_connection, open_x_connection
 from tests import lateness, x11_rig
-from tests.xserver import QUARTER, XServer, run
+from tests.xserver import QUARTER, XServer, hurry, run
 
 pytestmark = pytest.mark.whole
 
@@ -208,7 +208,7 @@ def test_a_mirrored_window(tmp_path: Path, x_quarter: XServer) -> None:
 def large() -> Iterator[XServer]:
     """One large screen, on which windows can be put anywhere."""
     with run((PROJECTOR_PX[0] + 8, PROJECTOR_PX[1] + 8), MASK_PX, kinds=("xvfb",)) as server:
-        x11_rig.hurry(server)
+        hurry(server)
         yield replace(server, projector_px=PROJECTOR_PX)
 
 
@@ -232,7 +232,7 @@ def test_a_shifted_window(
 def test_swapped_panels(tmp_path: Path) -> None:
     """Two panels of one size with their names exchanged: the mask's code lights the scene."""
     with run(PROJECTOR_PX, PROJECTOR_PX) as server:
-        x11_rig.hurry(server)
+        hurry(server)
         # Light goes on to the next cell: 10 is to be lit, 11 to be seen.
         transport, frames = np.eye(N, k=-1), one_code([10], [11])
         exchanged: dict[str, Any] = {"projector": server.mask, "mask": server.projector}

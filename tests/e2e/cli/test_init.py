@@ -23,10 +23,10 @@ from pdcd.calibration.light import metering
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.protocol.request import CaptureRequest
-from tests import whole_rig, x11_rig
+from tests import whole_rig
 from tests.tools import needs
 from tests.unit.setup import bench_facts
-from tests.xserver import QUARTER, XServer, run
+from tests.xserver import QUARTER, XServer, hurry, run
 
 BENCH = (1920, 1080), (1600, 1200)
 """A projector of full HD, before a mask of four by three."""
@@ -97,7 +97,7 @@ def test_from_nothing_to_a_photo(
 ) -> None:
     monkeypatch.setattr(metering, "WISHED", metering.LEAST)  # photos of a second each
     with run(*sizes, kinds=("dummy",)) as server:
-        x11_rig.hurry(server)
+        hurry(server)
         monkeypatch.setenv("DISPLAY", server.display)
         assert main(["init", "--yes", "--camera", "virtual"]) == 0
         said = " ".join(capsys.readouterr().out.split())

@@ -102,13 +102,6 @@ def test_the_pair_is_found_by_serial_wherever_it_is_plugged(display: Any) -> Non
         find_pair(read_outputs(display), projector=("X4K7", QUARTER[0]), mask=MASK)
 
 
-def test_two_panels_of_one_serial_are_refused(display: Any) -> None:
-    for name in ("DUMMY0", "DUMMY1"):
-        give_edid(display, name, block(serial="SAME"))
-    with pytest.raises(ConfigError, match="2 outputs are named 'SAME'"):
-        find_output(read_outputs(display), "SAME", "mask")
-
-
 def test_an_output_that_is_off_is_refused(server: XServer) -> None:
     server.xrandr("--output", "DUMMY1", "--off")
     found = read(server)["DUMMY1"]
@@ -130,9 +123,6 @@ def test_rates_that_slip_too_fast_are_refused() -> None:
         outputs = tuple(read(server).values())
         with pytest.raises(ConfigError, match=r"slip by one refresh every 13\.\d s"):
             find_pair(outputs, projector=PROJECTOR, mask=MASK)
-        pair = find_pair(outputs, projector=PROJECTOR, mask=MASK, rate_tolerance=0.01)
-        assert pair.refresh_hz == pytest.approx(59.924, abs=0.005)
-        assert pair.slip_s == pytest.approx(13.2, abs=0.5)
 
 
 def test_the_watcher_hears_of_a_change_and_of_nothing_else(

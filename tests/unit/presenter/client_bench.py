@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -13,7 +13,7 @@ from pdcd.presenter import client
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.messages import REQUESTS, DisplayReply, DisplayRequest, Open, PanelMode, Ready
 from pdcd.presenter.options import X11Options
-from tests.child_rig import Children, Clock, Process, stand_ins
+from tests.child_rig import Children, Clock, Process
 
 READY = Ready("clock", 60.0, {"renderer": "none"})
 HANG_S = 3.0
@@ -70,12 +70,3 @@ class Bench:
 
     def heard(self) -> tuple[Any, int | None]:
         return self.far.receive_with_fd()
-
-
-def benches(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
-    """The body of a fixture."""
-    for children in stand_ins(monkeypatch):
-        bench = Bench(monkeypatch, children)
-        yield bench
-        for process in bench.made:
-            process.kill()

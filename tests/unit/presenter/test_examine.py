@@ -357,15 +357,3 @@ def test_a_compositor_that_could_start_is_a_warning(server: Server) -> None:
         "warning", "the extension is on, so a compositor could start",
     )  # fmt: skip
     assert '"Composite" "Disable"' in str(found.hint)
-
-
-@pytest.mark.parametrize("name", ["read_x11_options", "open_x_connection"])
-def test_a_fault_of_our_own_is_no_finding(
-    server: Server, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    def fail(*unused: Any) -> Any:
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(examine_module, name, fail)
-    with pytest.raises(ZeroDivisionError):
-        server.found()

@@ -235,11 +235,3 @@ def test_a_ramp_that_was_never_set_tells_nothing(server: Server) -> None:
     ]
     server.ramp = ()
     assert server.read() == OutputLevels()
-
-
-def test_every_matrix_and_row_of_the_table_has_a_case_here() -> None:
-    tried = {name for levels, _, _ in PROPERTIES for name, _ in levels.properties}
-    alike = {"right margin", "top margin", "adaptive backlight modulation"}
-    alike |= {"vibrant hue", "color vibrance"}
-    rows = {row.name for row in levels_module._TABLE} | set(levels_module._MATRICES)
-    assert rows == tried | alike

@@ -21,7 +21,6 @@ from pdcd.presenter.outputs import (
     has_overlap,
     mode_hz,
     place_pair,
-    slip_s,
 )
 from tests.edid_block import block
 
@@ -87,8 +86,6 @@ def test_an_output_says_where_it_is_and_what_hangs_on_it() -> None:
     assert str(DARK) == "VGA-1: off" and str(GONE) == "DVI-1: not connected"
     panel = replace(GONE, edid=parse_edid(EPSON))
     assert str(panel) == "DVI-1 (EPSON PJ, serial X4K700123): not connected"
-    assert LEFT.size == (256, 192) and LEFT.on and not DARK.on
-    assert Output("a", True, width=1).on
 
 
 @pytest.mark.parametrize(
@@ -103,7 +100,6 @@ def test_a_pair_runs_at_the_slower_rate_and_slips_by_the_difference(
 ) -> None:
     pair = OutputPair(replace(LEFT, refresh_hz=first), replace(RIGHT, refresh_hz=second))
     assert pair.refresh_hz == both
-    assert pair.slip_s == slip_s(first, second)
     assert pair.slip_s == (None if slip is None else pytest.approx(slip))
 
 
@@ -162,22 +158,14 @@ def test_a_pair_has_the_sizes_that_were_asked_for(role: str) -> None:
         assert f"xrandr --output {name} --mode {size[0]}x{size[1]}" in str(told.value.hint)
 
 
-@pytest.mark.parametrize(
-    ("first", "second", "tolerance", "fits"),
-    [
-        (64.0, 63.0, 1 / 64, True), (64.0, 65.0, 1 / 64, True), (64.0, 62.5, 1 / 64, False),
-        (64.0, 65.5, 1 / 64, False), (None, 60.0, 0.0, True), (60.0, None, 0.0, True),
-        (60.0, 60.0, 0.0, True),
-    ],
-)  # fmt: skip
-def test_rates_may_differ_by_a_share_of_the_projectors(
-    first: float | None, second: float | None, tolerance: float, fits: bool
-) -> None:
-    if fits:
-        check_rates(first, second, tolerance)
-        return
+@pytest.mark.parametrize(("first", "second"), [(None, 60.0), (60.0, None), (60.0, 60.0)])
+def test_rates_that_are_equal_or_unknown_pass(first: float | None, second: float | None) -> None:
+    check_rates(first, second)
+
+
+def test_rates_that_slip_too_fast_are_refused() -> None:
     with pytest.raises(ConfigError, match=r"slip by one refresh every 0\.7 s \(give both"):
-        check_rates(first, second, tolerance)
+        check_rates(64.0, 65.5)
 
 
 @pytest.mark.parametrize("role", ["projector", "mask"])
@@ -213,11 +201,7 @@ def test_outputs_that_only_touch_have_no_pixel_in_common(x: int, y: int, common:
 
 
 WHOLE = Output("screen", True, 2, 3, 700, 400, "all", 75.0)
-
 SIZES: dict[str, Any] = {"projector": ("screen", (256, 192)), "mask": ("screen", (400, 300))}
-
-
-# Watching.
 
 
 @pytest.mark.parametrize(

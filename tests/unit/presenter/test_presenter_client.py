@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -26,20 +25,7 @@ from pdcd.presenter.messages import (
     map_shared_arrays,
 )
 from pdcd.presenter.timing import make_random_codes
-from tests.unit.presenter.client_bench import HANG_S, READY, Bench, benches
-
-
-@pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
-    yield from benches(monkeypatch)
-
-
-@pytest.fixture
-def process(bench: Bench) -> DisplayProcess:
-    made = bench.started()
-    bench.heard()
-    return made
-
+from tests.unit.presenter.client_bench import HANG_S, READY, Bench
 
 # The beginning.
 

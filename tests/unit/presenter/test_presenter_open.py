@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import select
 from types import SimpleNamespace
@@ -22,9 +21,7 @@ from pdcd.presenter.phase import VblankPhase
 from pdcd.presenter.process import Presenter
 
 SIZES = (256, 192), (400, 300)
-
 PANELS = Rect(0, 0, 256, 192), Rect(256, 0, 400, 300)
-
 PHASE = VblankPhase((1 / 60, 1 / 59.5), 0.0025)
 
 
@@ -117,16 +114,8 @@ def test_panels_are_opened_in_order_and_black_before_they_are_called_ready(parts
         "lock_memory", "stop_garbage_collection",
     ]  # fmt: skip
     told = {what[0]: what[1:] for what in parts.done if isinstance(what, tuple)}
-    assert told["places"] == (":7",) and told["glfw"] == (":7.0",)
-    layout, screen_px, panels, views, order = told["windows"]
-    assert (layout, screen_px, panels, order) == ("windows", (656, 300), PANELS, "GRB")
-    assert [(view.role, view.size_px) for view in views] == [
-        ("projector", SIZES[0]), ("mask", SIZES[1]),
-    ]  # fmt: skip
-    assert told["raise_priority"] == (7,) and told["events"] == (":7.0", 42)
     # A source is judged by the slower of both rates.
     assert told["probe"] == ("clock", 20_000_000)
-    assert told["phase"] == (":7.0", PANELS)
     assert parts.registered == [(5, select.POLLHUP), (9, select.POLLIN)]
     assert (ready.source, ready.refresh_hz, ready.lag_s) == ("clock", 62.5, 0.0025)
     assert ready.warnings == ("mind the mask",)
@@ -146,17 +135,6 @@ def test_a_lag_that_drifts_or_was_not_measured_is_none(parts: Parts) -> None:
     ready = parts.open().ready
     assert ready.lag_s is None
     assert ready.identity["phase"] == "not measured: no vblanks of two screens"
-
-
-@pytest.mark.parametrize("allowed", [True, False])
-def test_a_renderer_on_the_processor_is_for_tests(parts: Parts, allowed: bool) -> None:
-    parts.renderer = "llvmpipe (LLVM 15)"
-    if allowed:
-        assert parts.open(allow_software=True).ready.identity["renderer"] == parts.renderer
-        return
-    with pytest.raises(ConfigError, match=r"software \(llvmpipe \(LLVM 15\)\) .*allow_software"):
-        parts.open()
-    assert parts.words() == ["places", "glfw", "windows"]
 
 
 GRAB_PX = ((0, 3), (256, 7))
@@ -192,17 +170,6 @@ def test_a_library_that_cannot_open_the_display_is_a_lost_device(
     monkeypatch.setattr(glfw, "init", lambda: opened.append(os.environ["DISPLAY"]))
     process._start_glfw(":9")
     assert opened == [":9"]
-
-
-def test_windows_and_outputs_are_looked_at_while_nothing_is_asked(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    done: list[str] = []
-    monkeypatch.setattr(glfw, "poll_events", lambda: done.append("events"))
-    presenter = Presenter.__new__(Presenter)
-    presenter._places = SimpleNamespace(check=lambda: done.append("outputs"))  # type: ignore[assignment]
-    presenter.idle()
-    assert done == ["events", "outputs"]
 
 
 # What is asked of it, out of a configuration.
@@ -257,19 +224,3 @@ def test_options_have_limits(key: str, good: tuple[Any, ...], bad: tuple[Any, ..
     for value in bad:
         with pytest.raises(ConfigError, match=key):
             read(value)
-
-
-def test_pages_are_locked_that_are_there_and_that_come_once_they_are_touched(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """MCL_CURRENT, MCL_FUTURE and MCL_ONFAULT of sys/mman.h."""
-    asked: list[int] = []
-
-    def lock(flags: int) -> int:
-        asked.append(flags)
-        return 0
-
-    library = SimpleNamespace(mlockall=lock)
-    monkeypatch.setattr(ctypes, "CDLL", lambda name, use_errno=False: library)
-    assert realtime.lock_memory() == "yes"
-    assert asked == [1 | 2 | 4]

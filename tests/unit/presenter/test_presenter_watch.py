@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -24,20 +23,7 @@ from pdcd.presenter.messages import (
     Play,
     map_shared_arrays,
 )
-from tests.unit.presenter.client_bench import HANG_S, Bench, benches
-
-
-@pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
-    yield from benches(monkeypatch)
-
-
-@pytest.fixture
-def process(bench: Bench) -> DisplayProcess:
-    made = bench.started()
-    bench.heard()
-    return made
-
+from tests.unit.presenter.client_bench import HANG_S, Bench
 
 # A pass.
 
