@@ -9,6 +9,8 @@ from typing import Any
 
 import msgspec
 
+from pdcd.protocol.entry import MOST_RUNS, RunEntry, RunQuery
+from pdcd.runs.index import iterate_run_pages
 from pdcd.runs.ledger import RunStart
 
 HEAD: dict[str, Any] = {
@@ -67,3 +69,9 @@ def first_line(said: bytes) -> bytes:
     """A ledger of one line, with its digest (`pdcd.runs.ledger`)."""
     digest = hashlib.sha256(said).hexdigest()
     return b'{"said":' + said + b',"sha256":"' + digest.encode() + b'"}\n'
+
+
+def find_runs(state: Path, **wanted: Any) -> list[RunEntry]:
+    """All runs below a state folder that match, newest first."""
+    query = RunQuery(newest=MOST_RUNS, **wanted)
+    return [run for page in iterate_run_pages(state, query) for run in page.runs]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterator
-from datetime import datetime
 from pathlib import Path
 
 import msgspec
@@ -17,7 +16,7 @@ import msgspec
 from pdcd.errors import RequestError
 from pdcd.files.text import encode_json
 from pdcd.printable import to_one_line
-from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
+from pdcd.protocol.entry import Page, RunEntry, RunQuery
 from pdcd.protocol.result import format_job_time
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.look import make_bare_entry, make_damaged_entry, read_run_entry
@@ -32,7 +31,6 @@ from pdcd.runs.walk import (
     require_spot,
     walk_runs,
 )
-from pdcd.words import GoalName
 
 PAGE_BYTES = 2**26
 """Bytes read for one page; further manifests are left to the next page."""
@@ -68,36 +66,15 @@ def search_runs(state: Path, query: RunQuery, walk: Walk | None = None) -> Page:
     return Page(state_folder=str(state), runs=found, more=more, closed=closed, cut=walk.cut)
 
 
-def find_runs(
-    state: Path,
-    *,
-    newest: int | None = None,
-    since: datetime | None = None,
-    goal: GoalName | None = None,
-    name: str | None = None,
-    tags: Collection[str] = (),
-    failed: bool = False,
-    previews: bool = False,
-) -> list[RunEntry]:
-    """All runs below a state folder that match, newest first; with `newest`, at most so many.
-
-    Raises DiskError when the folder cannot be read.
-    """
-    query = RunQuery(
-        newest=MOST_RUNS if newest is None else max(1, min(newest, MOST_RUNS)),
-        since=since,
-        goal=goal,
-        name=name,
-        tags=tuple(tags),
-        failed=failed,
-        previews=previews,
-    )
+def find_runs(state: Path, newest: int) -> list[RunEntry]:
+    """The newest runs below a state folder, at most so many. Raises DiskError when the folder
+    cannot be read."""
     found: list[RunEntry] = []
-    for page in iterate_run_pages(state, query):
+    for page in iterate_run_pages(state, RunQuery(newest=newest)):
         found += page.runs
-        if newest is not None and len(found) >= newest:
-            return found[:newest]
-    return found
+        if len(found) >= newest:
+            break
+    return found[:newest]
 
 
 def iterate_run_pages(state: Path, query: RunQuery, depth: int = DEPTH) -> Iterator[Page]:

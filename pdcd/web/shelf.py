@@ -61,7 +61,7 @@ class RunShelf:
 
     def runs(self) -> list[ShelfRun]:
         """The newest runs, the newest first. Raises DiskError where the folder cannot be read."""
-        found = find_runs(self._state, newest=_LISTED)
+        found = find_runs(self._state, _LISTED)
         return [
             ShelfRun(
                 job=entry.job,

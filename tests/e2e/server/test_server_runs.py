@@ -12,10 +12,9 @@ import pytest
 from pdcd.client import Client
 from pdcd.protocol.entry import Page, RunEntry, RunQuery
 from pdcd.protocol.messages import MAX_LINE
-from pdcd.runs.index import find_runs
 from pdcd.server import connections, methods
 from tests.e2e.server._server_harness import Daemon, Wire, served, threaded_daemon
-from tests.run_folders import cut, finished, job
+from tests.run_folders import cut, find_runs, finished, job
 
 
 @served

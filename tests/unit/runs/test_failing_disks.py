@@ -15,9 +15,8 @@ from pdcd.files import put
 from pdcd.files.inside import open_folder
 from pdcd.runs import index, look
 from pdcd.runs.folder import RunFolder
-from pdcd.runs.index import find_runs
 from pdcd.runs.place import HeldFolder
-from tests.run_folders import cut, finished, job
+from tests.run_folders import cut, find_runs, finished, job
 
 
 def test_a_run_that_goes_while_it_is_looked_at_is_none_and_one_that_cannot_be_read_is_damaged(

@@ -133,23 +133,7 @@ def test_a_manifest_that_could_not_be_read_again_is_not_written(
         manifest.encode_manifest(told)
 
 
-@pytest.mark.parametrize(
-    ("data", "words"),
-    [
-        (b'{"a": {"b": 1, "b": 1}}', "'b' is there twice"),
-        (b'{"a": 1, "c": 2, "a": 3}', "'a' is there twice"),
-        (b"[1]", "Expected `object`"),
-        (b'{"schema": 1}', "missing required field"),
-        (b"\xff", "damaged"),
-        (b'{"a":' + b"[" * 200_000 + b"]" * 200_000 + b"}", "damaged"),
-    ],
-)
-def test_a_manifest_that_is_none_is_damaged(data: bytes, words: str) -> None:
-    with pytest.raises(DecodeError, match=words):
-        manifest.parse_manifest(data)
-
-
-@pytest.mark.parametrize("schema", [0, 2, 99, None, "1", 1.0, True])
+@pytest.mark.parametrize("schema", [2, "1", 1.0, True])
 def test_another_schema_is_refused_by_its_name(schema: object) -> None:
     data = json.dumps({"schema": schema}).encode()
     with pytest.raises(DecodeError, match=f"has schema {schema!r}; .* reads schema 1") as told:

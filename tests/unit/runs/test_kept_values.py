@@ -1,49 +1,10 @@
-"""What is kept and told of runs: values that nobody changes, fields by name, numbers in bounds."""
+"""What the name of a folder says of a run."""
 
 from __future__ import annotations
 
-from typing import Any
-
-import msgspec
 import pytest
 
-from pdcd.protocol import events
-from pdcd.runs.folder import is_made_later, name_row_file
-from pdcd.runs.record import Nanoseconds, RecordCount, RecordPositive, Sha256
 from pdcd.runs.walk import is_job, parse_spot
-
-
-@pytest.mark.parametrize(
-    ("kind", "good", "bad"),
-    [
-        (RecordCount, (0, 1, 2**62), (-1, 2**62 + 1, 0.5)),
-        (Nanoseconds, (-(2**62), 0, 2**62), (-(2**62) - 1, 2**62 + 1)),
-        (RecordPositive, (1e-300, 1.0, 7e9), (0.0, -1.0)),
-        (Sha256, ("0" * 64, "a9f" * 21 + "0"), ("0" * 63, "0" * 65, "A" * 64, "g" * 64)),
-        (events.EventCount, (0, 1), (-1,)),
-        (events.ShotName, ("a",), ("",)),
-    ],
-)
-def test_numbers_that_are_kept_have_bounds(
-    kind: Any, good: tuple[object, ...], bad: tuple[object, ...]
-) -> None:
-    for value in good:
-        assert msgspec.convert(value, kind) == value
-    for value in bad:
-        with pytest.raises(msgspec.ValidationError):
-            msgspec.convert(value, kind)
-
-
-def test_files_that_are_made_later_have_these_names_only() -> None:
-    assert name_row_file("coded", (3, 12)) == "row-coded-3-12.png"
-    good = ("report.html", name_row_file("coded", (3, 12)), name_row_file("a" * 64, (999999, 0)))
-    bad = (
-        "report.htm", "reportXhtml", name_row_file("a" * 65, (0, 0)), name_row_file("", (0, 0)),
-        name_row_file("a", (1000000, 0)), name_row_file("a", (0, 1000000)), name_row_file("é", (0,
-        0)),
-        "raw/report.html", name_row_file("a", (0, 0)) + "\n",
-    )  # fmt: skip
-    assert all(map(is_made_later, good)) and not any(map(is_made_later, bad))
 
 
 @pytest.mark.parametrize(

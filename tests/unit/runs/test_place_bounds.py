@@ -19,7 +19,7 @@ def made(state: Path, out: str, *, make: bool = True) -> Path:
 
 def test_a_path_has_so_many_parts_and_no_more(tmp_path: Path) -> None:
     deepest = "/".join("a" * MAX_PATH_PARTS)
-    assert MAX_PATH_PARTS == 64 and made(tmp_path, deepest) == tmp_path / deepest
+    assert made(tmp_path, deepest) == tmp_path / deepest
     with pytest.raises(RequestError, match="too long"):
         made(tmp_path / "b", f"{deepest}/a")
     assert list((tmp_path / "b").iterdir()) == []
@@ -28,7 +28,7 @@ def test_a_path_has_so_many_parts_and_no_more(tmp_path: Path) -> None:
 def test_a_path_has_so_many_bytes_and_no_more(tmp_path: Path) -> None:
     part = "é" * 100
     longest = "/".join([part] * 10) + "/" + "x" * (MAX_PATH_BYTES - 2010)
-    assert MAX_PATH_BYTES == len(longest.encode()) == 2048
+    assert len(longest.encode()) == MAX_PATH_BYTES
     assert made(tmp_path, longest) == tmp_path / longest
     with pytest.raises(RequestError, match="too long"):
         made(tmp_path / "b", f"{longest}x")

@@ -18,9 +18,8 @@ from pdcd.errors import DiskError
 from pdcd.files.inside import open_folder
 from pdcd.protocol.entry import RunQuery
 from pdcd.runs import prune
-from pdcd.runs.index import find_runs
 from pdcd.runs.prune import UnwantedRun, find_unwanted_runs, remove_run
-from tests.run_folders import cut, finished, job
+from tests.run_folders import cut, find_runs, finished, job
 
 FAILED = {"event": "failed", "kind": "sync", "message": "late"}
 
@@ -175,22 +174,16 @@ def test_what_is_to_go_has_its_size_and_is_told_what_kept_it(
     (place / "raw").mkdir()
     (place / "raw" / "a").write_bytes(b"x" * 1000)
     size = 1000 + (place / "capture.json").stat().st_size
-    (one,) = prune.find_unwanted_runs(tmp_path, RunQuery())
+    one = first(tmp_path)
     assert (one.size_bytes, one.removed, one.why) == (size, False, None)
-    at = datetime(2026, 1, 1, 0, 0, 1, tzinfo=UTC)
-    assert [*prune.find_unwanted_runs(tmp_path, RunQuery(), older_than=at.replace(second=2))] == [
-        one
-    ]
-    assert not [*prune.find_unwanted_runs(tmp_path, RunQuery(), older_than=at.replace(second=0))]
     monkeypatch.setattr(prune, "MOST_FILES", 1)
-    (unsized,) = prune.find_unwanted_runs(tmp_path, RunQuery())
-    assert unsized.size_bytes == 0
-    kept = prune.remove_run(tmp_path, one)
+    assert first(tmp_path).size_bytes == 0
+    kept = remove_run(tmp_path, one)
     assert not kept.removed and "holds more than 1 files" in str(kept.why) and place.exists()
     monkeypatch.setattr(prune, "MOST_FILES", 2)
-    gone = prune.remove_run(tmp_path, one)
+    gone = remove_run(tmp_path, one)
     assert gone.removed and gone.why is None and not [*captures.iterdir()]
-    again = prune.remove_run(tmp_path, one)
+    again = remove_run(tmp_path, one)
     assert not again.removed and again.why
 
 
@@ -202,9 +195,9 @@ def test_without_locks_only_finished_runs_are_removed(
         raise OSError(95, "not supported")
 
     place = cut(tmp_path, job(1)) if ending else finished(tmp_path, job(1))
-    (one,) = prune.find_unwanted_runs(tmp_path, RunQuery())
+    one = first(tmp_path)
     monkeypatch.setattr(fcntl, "flock", none)
-    assert prune.remove_run(tmp_path, one).removed != bool(ending)
+    assert remove_run(tmp_path, one).removed != bool(ending)
     assert place.exists() == bool(ending)
 
 
