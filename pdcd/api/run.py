@@ -249,10 +249,7 @@ class Run:
         """
         from pdcd.api.decoding import decode_again
 
-        self.manifest.require_photos()
-        for name in (CODES, FRAMES):
-            if name in self.manifest.files:
-                self.checked(name)
+        self._check_sources()
         with show_progress(progress) as on_event:
             return decode_again(
                 self.folder,
@@ -273,10 +270,7 @@ class Run:
         """
         from pdcd.api.decoding import compute_error_budget
 
-        self.manifest.require_photos()
-        for name in (CODES, FRAMES):
-            if name in self.manifest.files:
-                self.checked(name)
+        self._check_sources()
         with show_progress(progress) as on_event:
             return compute_error_budget(self.folder, self.manifest.run, on_event)
 
@@ -293,6 +287,13 @@ class Run:
         """Path of one file of the run, checked against the manifest. Raises DecodeError."""
         read_sound_manifest(self.folder, (name,))
         return self.folder / name
+
+    def _check_sources(self) -> None:
+        """Raise DecodeError unless all that pictures are made of is there and unchanged."""
+        self.manifest.require_photos()
+        for name in (CODES, FRAMES):
+            if name in self.manifest.files:
+                self.checked(name)
 
     def __repr__(self) -> str:
         told = [f"{self.summary['codes']} codes"] if self.summary.get("codes") else []

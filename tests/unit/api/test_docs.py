@@ -78,9 +78,3 @@ def test_an_example_runs(
         "with_daemon": "no daemon answers",
     }
     assert re.search(told[name], capsys.readouterr().out)
-
-
-def test_examples_are_short() -> None:
-    for path in EXAMPLES:
-        body = [line for line in path.read_text().splitlines() if line.strip()]
-        assert len(body) <= 16, path.name

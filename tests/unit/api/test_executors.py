@@ -121,17 +121,13 @@ def test_a_cluster_that_loses_a_capture_loses_no_other(monkeypatch: pytest.Monke
 def test_a_cluster_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     module: Any = ModuleType("distributed")
     monkeypatch.setitem(sys.modules, "distributed", module)
-    for error, named in (
-        (OSError("nobody there"), ConfigError),
-        (ValueError("no address"), ConfigError),
-        (ZeroDivisionError("ours"), ZeroDivisionError),
-    ):
+    for error in (OSError("nobody there"), ValueError("no address")):
 
         def client(address: str, _error: Exception = error, **how: object) -> Any:
             raise _error
 
         module.Client = client
-        with pytest.raises(named, match=str(error)), connect_cluster("tcp://there:1"):
+        with pytest.raises(ConfigError, match=str(error)), connect_cluster("tcp://there:1"):
             pass
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ConfigError, match=r"install distributed\)"):

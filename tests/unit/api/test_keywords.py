@@ -45,16 +45,6 @@ def test_a_prior_that_is_no_matrix_is_named(prior: Any) -> None:
     assert told.startswith("prior: ")
 
 
-def test_a_fault_of_an_array_of_another_library_is_its_own() -> None:
-    class Odd:
-        def __array__(self, *_: object, **__: object) -> Any:
-            raise ZeroDivisionError
-
-    for goal, name in (("filtered", "kernel"), ("indirect", "prior")):
-        with pytest.raises(ZeroDivisionError):
-            make_request(goal, {name: Odd()}, grid)
-
-
 def test_the_grid_is_asked_for_only_where_a_prior_is_an_array() -> None:
     def never() -> tuple[int, int]:
         raise AssertionError("the rig was asked")

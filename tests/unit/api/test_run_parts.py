@@ -60,33 +60,9 @@ def test_a_program_without_its_mask_is_damaged(monkeypatch: pytest.MonkeyPatch) 
     assert caught.value.hint == "restore it from a copy"
 
 
-def small(image: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    data = html._small("a", cv2.imencode(".png", image)[1].tobytes())
-    assert data.startswith(b"\xff\xd8")  # JPEG
-    return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR))
-
-
-@pytest.mark.parametrize(
-    ("shape", "wanted"),
-    [
-        ((480, 640), (240, 320)), ((100, 320), (100, 320)), ((100, 321), (100, 320)),
-        ((1, 1000), (1, 320)),
-    ],
-)  # fmt: skip
-def test_previews_are_at_most_320_pixels_wide(
-    shape: tuple[int, int], wanted: tuple[int, int]
-) -> None:
-    found = small(np.full((*shape, 3), 100, np.uint8))
-    assert found.shape == (*wanted, 3)
-
-
-def test_a_small_preview_is_made_of_all_pixels() -> None:
-    stripes = np.zeros((16, 1280, 3), np.uint8)
-    stripes[:, ::4] = 200  # one of the four columns that become one
-    assert abs(float(small(stripes).mean()) - 50.0) < 3.0
-
-
-@pytest.mark.parametrize("data", [b"", b"no picture", b"\x89PNG\r\n\x1a\n" + bytes(40)])
-def test_a_preview_that_is_no_picture_is_told_apart(data: bytes) -> None:
-    with pytest.raises(DecodeError, match=r"a is (no picture|damaged)"):
-        html._small("a", data)
+def test_previews_are_at_most_320_pixels_wide() -> None:
+    for shape, wanted in (((480, 640), (240, 320)), ((100, 320), (100, 320)), ((1, 999), (1, 320))):
+        png = cv2.imencode(".png", np.full((*shape, 3), 100, np.uint8))[1].tobytes()
+        data = html._small("a", png)
+        small = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        assert small is not None and small.shape == (*wanted, 3)

@@ -48,9 +48,8 @@ def test_columns_of_numbers_are_numbers_and_rows_are_found_by_all_values() -> No
     assert tuple(table[-1]) == table.columns and table[-1]["number"] == 2
 
 
-@pytest.mark.parametrize(("count", "more"), [(40, None), (41, "and 1 more"), (45, "and 5 more")])
-def test_a_notebook_shows_so_many_rows(count: int, more: str | None) -> None:
-    shown = Table({"number": n, "state": "done"} for n in range(count))._repr_html_()
-    assert shown.count("<tr>") == 41
-    assert ("more" in shown) == (more is not None) and (more is None or more in shown)
+def test_a_notebook_shows_so_many_rows() -> None:
+    for count in (40, 45):
+        shown = Table({"number": n, "state": "done"} for n in range(count))._repr_html_()
+        assert shown.count("<tr>") == 41 and ("and 5 more" in shown) == (count == 45)
     assert Table([]).columns == ("number", *ENDING) and len(Table([])) == 0

@@ -13,7 +13,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.api import sweep
 from pdcd.api.arguments import make_request, to_json_types
 from pdcd.api.bench import open_finished_run
 from pdcd.api.local import describe_bench, describe_owner
@@ -125,13 +124,6 @@ def test_the_run_of_a_job_or_the_error_that_it_ended_by() -> None:
     assert not hasattr(bare.value, "__notes__")
 
 
-def test_only_a_bench_that_is_mock_throughout_is_shared_out() -> None:
-    assert sweep._mock(Config())
-    for table in ("display", "trigger", "camera"):
-        other = msgspec.structs.replace(getattr(Config(), table), driver="x11")
-        assert not sweep._mock(msgspec.structs.replace(Config(), **{table: other}))
-
-
 def test_a_bench_is_told_by_its_configuration_and_its_files(tmp_path: Path) -> None:
     scene = tmp_path / "scene.npz"
     scene.write_bytes(b"one")
@@ -192,18 +184,6 @@ def test_a_preview_that_cannot_be_read_is_left_out(
     faults["high"] = ZeroDivisionError()
     with pytest.raises(ZeroDivisionError):
         shown()
-
-
-def test_a_run_tells_its_figures_as_far_as_they_are_known() -> None:
-    known = run_of(
-        summary={"rms_sigma": 1, "rms_error_quads": "x", "quality": Quality(verdict="bad")}
-    )
-    assert (known.rms_sigma, known.rms_error_quads, known.verdict) == (1.0, None, "bad")
-    assert repr(known) == "<Run j: white, bad>" and known.sigma_kind == "sensor"
-    good = Quality(verdict="good")
-    bare = run_of(summary={"codes": 8, "sigma_kind": "measured", "quality": good})
-    assert (bare.quality, bare.sigma_kind) == (good, "measured")
-    assert repr(bare) == "<Run j: white, 8 codes, good>" and bare.codes == {} and bare.truth is None
 
 
 def test_a_user_whom_no_table_names_is_told_by_number(monkeypatch: pytest.MonkeyPatch) -> None:

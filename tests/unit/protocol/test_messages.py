@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import msgspec
@@ -11,54 +10,18 @@ import pytest
 from pdcd.errors import BusyError
 from pdcd.protocol import events, messages
 from pdcd.protocol.entry import MOST_RUNS, RunQuery
-from pdcd.protocol.messages import METHODS, JobParams, ListParams, ShowParams, SubscribeParams
+from pdcd.protocol.messages import METHODS, JobParams, ShowParams
 from pdcd.protocol.views import ClientRole
-
-OWN = [
-    kind
-    for kind in vars(messages).values()
-    if isinstance(kind, type)
-    and issubclass(kind, msgspec.Struct)
-    and kind.__module__ == messages.__name__
-]
-BY_NAME = ("Hello", "Admission", "JobView", "Status", "GoalView", "ErrorData", "PlanParams",
-           "StartParams", "CalibrateParams")  # fmt: skip
-"""Messages of many fields, which are made by name only."""
 
 
 def taken(kind: type[msgspec.Struct], **params: Any) -> Any:
     return msgspec.convert(params, kind)
 
 
-@pytest.mark.parametrize("kind", OWN, ids=lambda kind: kind.__name__)
-def test_a_message_is_a_value_that_does_not_change(kind: type[msgspec.Struct]) -> None:
-    assert kind.__struct_config__.frozen
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_parameters_refuse_what_is_misspelt(method: str) -> None:
-    kind = METHODS[method].params
-    assert kind.__struct_config__.forbid_unknown_fields and kind.__struct_config__.frozen
     with pytest.raises(msgspec.ValidationError):
-        taken(kind, nonsense=1)
-
-
-@pytest.mark.parametrize("name", BY_NAME)
-def test_messages_of_many_fields_are_made_by_name(name: str) -> None:
-    kind = getattr(messages, name)
-    with pytest.raises(TypeError, match="positional"):
-        kind(*("x" for _ in kind.__struct_fields__))
-
-
-def test_what_is_left_out_is_the_cautious_thing() -> None:
-    plan, start = (taken(METHODS[f"capture.{n}"].params, goal="white") for n in ("plan", "start"))
-    assert (plan.queue, start.queue, start.detach) == (False, False, False)
-    calibrate = taken(METHODS["calibrate.start"].params)
-    assert (calibrate.queue, calibrate.detach) == (False, False)
-    shown = taken(ShowParams, pattern="white")
-    assert (shown.index, shown.detach) == (0, False)
-    assert taken(ListParams).find is None
-    assert taken(SubscribeParams).jobs == "own"
+        taken(METHODS[method].params, nonsense=1)
 
 
 def test_a_calibration_is_passed_on_whole() -> None:
@@ -113,20 +76,14 @@ def test_an_error_has_the_code_of_its_kind_or_the_one_that_is_asked_for() -> Non
 
 
 def test_roles_rise_and_only_wishes_for_photos_take_descriptors() -> None:
-    assert [role.value for role in ClientRole] == [1, 2, 3]
     assert ClientRole.LOOK < ClientRole.SHOOT < ClientRole.ADMINISTER
     takers = {n for n, m in METHODS.items() if m.takes_fds}
     assert takers == {"capture.plan", "capture.start", "stream.start"}
     assert {m.role for m in METHODS.values()} == {ClientRole.LOOK, ClientRole.SHOOT}
-    with pytest.raises(TypeError):
-        METHODS["more"] = METHODS["ping"]  # type: ignore[index]
-    with pytest.raises(AttributeError):
-        METHODS["ping"].role = ClientRole.LOOK  # type: ignore[misc]
 
 
 def test_what_is_sent_of_an_event_has_all_fields() -> None:
-    schema = copy.deepcopy(messages.build_message_schema())
-    assert messages.build_message_schema() is messages.build_message_schema()
+    schema = messages.build_message_schema()
     for kind in events.TYPES.values():
         sent = schema["$defs"][kind.__name__]
         assert sorted(sent["required"]) == sorted(sent["properties"])

@@ -17,19 +17,6 @@ from pdcd.web.asks import DaemonQueries
 from pdcd.web.news import BEAT, News, TooManyPagesError
 
 
-class NoAnswers(DaemonQueries):
-    """A daemon that is always idle."""
-
-    def __init__(self) -> None:
-        super().__init__(Path("/nowhere"))
-        self.asked = 0
-
-    async def ask(self, method: str, params: object = None, **unused: object) -> Any:
-        self.asked += 1
-        await asyncio.sleep(0)
-        return {"state": "idle"}
-
-
 async def read(page: AsyncGenerator[bytes, None]) -> dict[str, Any]:
     data = await asyncio.wait_for(anext(page), 5.0)
     told: dict[str, Any] = json.loads(data.removeprefix(b"data: "))
@@ -42,18 +29,18 @@ def progress(frame: int, job: str = "one") -> events.Event:
 
 async def test_a_page_that_comes_late_is_told_what_matters() -> None:
 
-    asks = NoAnswers()
+    asks = Slow()
     told = News(Path("/nowhere"), asks)
     told._arrived()
     told._heard(events.JobQueued(job="one", ahead=0))
     told._heard(events.JobStarted(job="one", goal="white"))
     for frame in range(500):
         told._heard(progress(frame))
-    await asyncio.sleep(0.01)
+    await turns()
     assert 1 <= asks.asked <= 3
     page = told.page()
     first = await read(page)
-    assert first["here"] and first["status"] == {"state": "idle"}
+    assert first["here"] and first["status"] == {"state": f"asked {asks.asked}"}
     assert [(await read(page))["type"] for _ in range(2)] == ["queued", "started"]
     last = await read(page)
     assert (last["frame"], last["words"]) == (499, "coded: 499/900 refreshes")
@@ -71,7 +58,7 @@ async def test_a_page_that_comes_late_is_told_what_matters() -> None:
 
 async def test_a_page_that_does_not_read_is_given_up_and_thinned_news_first() -> None:
 
-    told = News(Path("/nowhere"), NoAnswers())
+    told = News(Path("/nowhere"), Slow())
     page = told.page()
     assert not (await read(page))["here"]
     for frame in range(2 * module.UNREAD):
@@ -88,7 +75,7 @@ async def test_a_page_that_does_not_read_is_given_up_and_thinned_news_first() ->
 
 async def test_no_more_pages_than_there_are_places() -> None:
 
-    told = News(Path("/nowhere"), NoAnswers())
+    told = News(Path("/nowhere"), Slow())
     pages = [told.page() for _ in range(module.PAGES)]
     for page in pages:
         await read(page)
@@ -104,7 +91,7 @@ async def test_no_more_pages_than_there_are_places() -> None:
 
 async def test_a_daemon_that_stays_away_is_told_of_once() -> None:
 
-    told = News(Path("/nowhere"), NoAnswers())
+    told = News(Path("/nowhere"), Slow())
     page = told.page()
     await read(page)
     told._arrived()
@@ -120,7 +107,7 @@ async def test_a_daemon_that_stays_away_is_told_of_once() -> None:
 
 @pytest.mark.parametrize("error", [BusyError("too much"), ConnectionResetError("gone")])
 async def test_a_state_that_cannot_be_asked_for_is_none(error: Exception) -> None:
-    class Silent(NoAnswers):
+    class Silent(Slow):
         async def ask(self, method: str, params: object = None, **unused: object) -> Any:
             raise error
 
@@ -170,18 +157,6 @@ def waiting(told: News) -> list[Any]:
 
 def armed(number: int, job: str = "one") -> events.Event:
     return events.ShotArmed(job=job, shot=f"s{number}", frames=9)
-
-
-async def test_the_last_hundred_events_are_remembered() -> None:
-
-    told = News(Path("/nowhere"), Slow())
-    for number in range(101):
-        told._heard(armed(number))
-    page = told.page()
-    await anext(page)
-    assert [message["shot"] for message in waiting(told)] == [f"s{n}" for n in range(1, 101)]
-    await page.aclose()
-    await told.close()
 
 
 async def test_a_page_to_which_nothing_is_told_gets_signs_of_life(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 
@@ -16,14 +15,8 @@ JOB, OTHER = "20260101T120301Z-7f3a", "20260101T120302Z-0001"
 
 
 def run(state: Path, name: str, place: str = "captures") -> Path:
-    folder = state / place / name
-    (folder / "preview").mkdir(parents=True)
-    told = {
-        "job": name, "schema": 1, "state": "done", "request": {"goal": "indirect"},
-        "owner": {"user": "anna"},
-        "started_utc": "2026-01-01T12:03:01Z",
-    }  # fmt: skip
-    (folder / "capture.json").write_text(json.dumps(told))
+    folder = finished(state / place, name)
+    (folder / "preview").mkdir()
     for name in ("white", "indirect", "direct"):
         (folder / "preview" / f"{name}.png").write_bytes(name.encode())
     return folder
