@@ -10,17 +10,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.api.progress import EventListener
+from pdcd.api.progress import EventListener, watch_decoding
 from pdcd.capture.worker.answers import compute_rms_sigma
 from pdcd.errors import RequestError
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import convert_record_errors
 from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.picture import PictureWithErrors
-from pdcd.protocol.events import DecodingProgress as Step
 from pdcd.runs.record import RunRecord
 from pdcd.verdict.error_budget import ErrorRow, make_error_budget
-from pdcd.watch import Watch
 from pdcd.words import NormaliseName
 
 
@@ -56,7 +54,7 @@ def decode_again(
 
     Raises RequestError for a number of parts that the run does not have, and DecodeError.
     """
-    watch = _watch(on_event)
+    watch = watch_decoding(on_event)
     if not isinstance(parts, int | None) or isinstance(parts, bool):
         raise RequestError(f"parts: {parts!r} is no number of parts", hint="give 1, 2, 3 ...")
     with convert_record_errors(folder):
@@ -77,14 +75,8 @@ def compute_error_budget(
     """The sources of the error of a run's answer (`Run.error_budget`). Raises DecodeError."""
     with convert_record_errors(folder):
         darkroom = Darkroom(folder, record)
-        decoded = darkroom.decoded(_watch(on_event))
+        decoded = darkroom.decoded(watch_decoding(on_event))
         return make_error_budget(darkroom.record, decoded)
-
-
-def _watch(on_event: EventListener | None) -> Watch:
-    if on_event is None:
-        return Watch()
-    return Watch(step=lambda done, total: on_event(Step(done=done, total=total)))
 
 
 def _told(decoded: DecodedRun) -> DecodingResult:

@@ -23,6 +23,7 @@ from pdcd.protocol.events import (
     StepEnded,
     pick_event_fields,
 )
+from pdcd.watch import Watch
 
 EventListener = Callable[[Event], None]
 """Takes one event, a struct of `pdcd.protocol.events`; `type` names its kind."""
@@ -64,6 +65,13 @@ def show_bar(first: str = "waiting") -> Iterator[EventListener]:
         yield lambda event: show(
             describe_event(event), read_share_done(event), stages.begins(event)
         )
+
+
+def watch_decoding(on_event: EventListener | None) -> Watch:
+    """A watch of one decoding, whose progress goes to `on_event`."""
+    if on_event is None:
+        return Watch()
+    return Watch(step=lambda done, total: on_event(DecodingProgress(done=done, total=total)))
 
 
 @contextmanager

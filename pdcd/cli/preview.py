@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import signal
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,16 +12,14 @@ from pdcd.api.signals import hold_signals, send_signals_to
 from pdcd.bench.config import load_config
 from pdcd.cli.daemon import find_daemon
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import say, say_json, say_result
-from pdcd.cli.streams import write_stdout
+from pdcd.cli.live_figures import LiveFigures
+from pdcd.cli.output import say, say_result
 from pdcd.errors import ConfigError
 from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.protocol.views import LiveFrame
 
 _MOST_S = 1e9
 """Longest time of a live view; without `--seconds` it goes on for ever."""
-_LINE_S = 1.0
-"""Time between two lines of figures."""
 
 
 def show_live_view(args: argparse.Namespace) -> int:
@@ -33,14 +29,37 @@ def show_live_view(args: argparse.Namespace) -> int:
         raise ConfigError(f"--seconds {args.seconds:g} is not between 0 and {_MOST_S:g}")
     if args.web:
         return _serve(args)
-    shown = _Shown(args)
+    shown = LiveFigures(args.seconds, as_json=args.json)
+    last: list[LiveFrame] = []
+
+    def take(frame: LiveFrame) -> bool:
+        last[:] = [frame]
+        told = {name: getattr(frame, name) for name in _FIGURES}
+        return shown.show(lambda: told, lambda: _describe(frame))
+
     client = find_daemon(args)
     if client is None:
-        result = _look_here(args, shown.take)
+        result = _look_here(args, take)
     else:
         with client, send_signals_to(signal.default_int_handler):
-            result = client.live(shown.take, args.pattern, args.index, picture=args.out is not None)
-    return shown.end(result)
+            result = client.live(take, args.pattern, args.index, picture=args.out is not None)
+    shown.end()
+    if args.out is not None and last:
+        _keep(last[0], args.out)
+        if not args.json:
+            say(str(args.out))
+    return _say_end(result, as_json=args.json)
+
+
+def _say_end(result: CaptureResult, *, as_json: bool) -> int:
+    """Print how the view ended; ending on request is no failure."""
+    if result.state == "failed":
+        return say_result(result, as_json=as_json)
+    for text in result.warnings:
+        tell_user(f"warning: {text}")
+    if result.state == "done":
+        tell_user("ended by another command")
+    return DONE
 
 
 def _serve(args: argparse.Namespace) -> int:
@@ -76,51 +95,6 @@ def _look_here(args: argparse.Namespace, take: Callable[[LiveFrame], bool]) -> C
             )
         finally:
             engine.stop()
-
-
-class _Shown:
-    """Prints figures as they come: a line a second, rewritten in place on a terminal, or JSON."""
-
-    def __init__(self, args: argparse.Namespace) -> None:
-        self._json: bool = args.json
-        self._out: Path | None = args.out
-        self._seconds: float | None = args.seconds
-        self._begun_s: float | None = None
-        self._next_s = 0.0
-        self._last: LiveFrame | None = None
-        self._rewrites = not args.json and sys.stdout.isatty()
-        if not args.json:
-            tell_user("Ctrl-C ends" if args.seconds is None else f"for {args.seconds:g} s")
-
-    def take(self, frame: LiveFrame) -> bool:
-        """Show the figures of a picture; returns whether it is the last one wanted."""
-        now_s = time.monotonic()
-        if self._begun_s is None:  # the time it took to begin does not count
-            self._begun_s = now_s
-        self._last = frame
-        if self._json:
-            say_json({name: getattr(frame, name) for name in _FIGURES})
-        elif now_s >= self._next_s:
-            self._next_s = now_s + _LINE_S
-            line = _describe(frame)
-            write_stdout(f"\r{line}\x1b[K" if self._rewrites else f"{line}\n")
-        return self._seconds is not None and now_s - self._begun_s >= self._seconds
-
-    def end(self, result: CaptureResult) -> int:
-        """Keep the last picture, and print how the view ended; ending on request is no failure."""
-        if self._rewrites and self._last is not None:
-            write_stdout("\n")
-        if self._out is not None and self._last is not None:
-            _keep(self._last, self._out)
-            if not self._json:
-                say(str(self._out))
-        if result.state == "failed":
-            return say_result(result, as_json=self._json)
-        for text in result.warnings:
-            tell_user(f"warning: {text}")
-        if result.state == "done":
-            tell_user("ended by another command")
-        return DONE
 
 
 _FIGURES = (

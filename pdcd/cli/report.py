@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import argparse
 
-from pdcd.api.progress import show_bar
+from pdcd.api.progress import show_bar, watch_decoding
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json
 from pdcd.pages.report import write_report
-from pdcd.protocol.events import DecodingProgress
-from pdcd.watch import Watch
 
 
 def report(args: argparse.Namespace) -> int:
     """Write the page and say where it is."""
     with show_bar("reading") as show:
-        watch = Watch(step=lambda done, total: show(DecodingProgress(done=done, total=total)))
-        path = write_report(args.folder, args.out, watch)
+        path = write_report(args.folder, args.out, watch_decoding(show))
     size_bytes = path.stat().st_size
     if args.json:
         say_json({"file": str(path), "size_bytes": size_bytes})

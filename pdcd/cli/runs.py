@@ -404,16 +404,15 @@ def _size(runs: list[UnwantedRun]) -> str:
     return f"{sum(each.size_bytes for each in runs) / 2**20:.1f} MiB"
 
 
-def parse_moment(text: str, option: str, now: datetime | None = None) -> datetime:
+def parse_moment(text: str, option: str) -> datetime:
     """The moment in UTC; a date without a zone is in this machine's zone.
 
     Raises ConfigError, which names the `option`.
     """
-    now = datetime.now(UTC) if now is None else now
     ago = re.fullmatch(r"(\d{1,6})([smhdw])", text)
     try:
         if ago is not None:
-            return now - timedelta(**{_UNITS[ago[2]]: int(ago[1])})
+            return datetime.now(UTC) - timedelta(**{_UNITS[ago[2]]: int(ago[1])})
         # A moment without a zone is in this machine's zone.
         return datetime.fromisoformat(text).astimezone(UTC)
     except (ValueError, OverflowError) as err:

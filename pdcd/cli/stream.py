@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import signal
-import sys
-import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,9 +17,9 @@ from pdcd.api.signals import send_signals_to
 from pdcd.api.stream import ConnectedStream, PictureStream
 from pdcd.cli.daemon import find_daemon, refuse_with_local
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import say, say_json
+from pdcd.cli.live_figures import LiveFigures
+from pdcd.cli.output import say
 from pdcd.cli.request import collect_array_files, parse_request_options
-from pdcd.cli.streams import write_stdout
 from pdcd.errors import ConfigError, DiskError, disk_errors
 from pdcd.protocol.fields import FieldError, convert_fields
 from pdcd.protocol.stream import StreamedPicture, StreamFrame, StreamRequest, to_stream_request
@@ -29,8 +27,6 @@ from pdcd.protocol.stream import StreamedPicture, StreamFrame, StreamRequest, to
 if TYPE_CHECKING:
     from cv2 import VideoWriter
 
-_LINE_S = 1.0
-"""Time between two lines of figures where they are not rewritten in place on a terminal."""
 _VIDEO = ".mp4"
 _USUAL_HZ, _WAITING = 10.0, 16
 """Pictures a second of a video whose rate is still unknown after this many pictures."""
@@ -52,14 +48,17 @@ def show_stream(args: argparse.Namespace) -> int:
 def _show_stream(args: argparse.Namespace) -> int:
     """The same. Raises BrokenPipeError when nobody reads."""
     refuse_with_local(args, "socket", "queue")
-    request, shown = _parse(args), _Shown(args)
+    request = _parse(args)
+    shown = LiveFigures(args.lasts_s, as_json=args.json, rewrite_s=0.0)
     with ExitStack() as held:
         keeper = None if args.kept_in is None else held.enter_context(_Keeper(args.kept_in))
         held.enter_context(send_signals_to(signal.default_int_handler))
         with suppress(KeyboardInterrupt):
             stream = held.enter_context(_begin(args, request, held, keeper))
             with suppress(KeyboardInterrupt):
-                while (streamed := stream.take()) is not None and not shown.take(streamed.frame):
+                while (streamed := stream.take()) is not None:
+                    if _show(shown, args.goal, streamed.frame):
+                        break
                     if keeper is not None:
                         keeper.keep(streamed)
             shown.end()
@@ -94,37 +93,14 @@ def _begin(
     return ConnectedStream(client, job, "jpeg" if drawn else "arrays" if counted else "none")
 
 
-class _Shown:
-    """Prints figures as they come: a line a second, rewritten in place on a terminal, or JSON."""
-
-    def __init__(self, args: argparse.Namespace) -> None:
-        self._json: bool = args.json
-        self._goal: str = args.goal
-        self._seconds: float | None = args.lasts_s
-        self._begun_s: float | None = None
-        self._next_s = 0.0
-        self._rewrites = not args.json and sys.stdout.isatty()
-        if not args.json:
-            tell_user("Ctrl-C ends" if args.lasts_s is None else f"for {args.lasts_s:g} s")
-
-    def take(self, frame: StreamFrame) -> bool:
-        """Show the figures of a picture; returns whether enough were seen."""
-        now_s = time.monotonic()
-        if self._begun_s is None:  # the time it took to begin does not count
-            self._begun_s = now_s
-        if self._json:
-            told = msgspec.to_builtins(frame)
-            say_json({name: told[name] for name in told if name not in _HELD_BACK})
-        elif now_s >= self._next_s or frame.spoilt:
-            self._next_s = now_s + (0.0 if self._rewrites else _LINE_S)
-            line = f"{self._goal}: {describe_stream_frame(frame)}"
-            write_stdout(f"\r{line}\x1b[K" if self._rewrites else f"{line}\n")
-        return self._seconds is not None and now_s - self._begun_s >= self._seconds
-
-    def end(self) -> None:
-        """Finish the line of figures: no more will come."""
-        if self._rewrites and self._begun_s is not None:
-            write_stdout("\n")
+def _show(shown: LiveFigures, goal: str, frame: StreamFrame) -> bool:
+    """Show the figures of a picture; returns whether enough were seen."""
+    told = msgspec.structs.asdict(frame)
+    return shown.show(
+        lambda: {name: told[name] for name in told if name not in _HELD_BACK},
+        lambda: f"{goal}: {describe_stream_frame(frame)}",
+        at_once=bool(frame.spoilt),
+    )
 
 
 def describe_stream_frame(frame: StreamFrame) -> str:

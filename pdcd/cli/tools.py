@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
-from pdcd.api.progress import show_bar
+from pdcd.api.progress import show_bar, watch_decoding
 from pdcd.bench.config import (
     find_config_file,
     format_config,
@@ -22,7 +22,6 @@ from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_comparison, say_json, say_table, say_text
 from pdcd.errors import ConfigError
 from pdcd.files.system import require_linux
-from pdcd.protocol.events import DecodingProgress
 from pdcd.watch import Watch
 
 
@@ -96,7 +95,7 @@ def decode(args: argparse.Namespace) -> int:
     if args.out is not None and not args.partial:
         raise ConfigError("--out goes with --partial: a finished run is only compared")
     with show_bar("reading") as show:
-        watch = Watch(step=lambda done, total: show(DecodingProgress(done=done, total=total)))
+        watch = watch_decoding(show)
         if args.partial:
             require_linux("decode --partial")
             return _salvage(args, watch)

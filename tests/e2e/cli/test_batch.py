@@ -27,6 +27,12 @@ goal = "white"
 """
 
 
+def list_folders() -> list[str]:
+    """Folders in the table of the batch."""
+    table = Path("night/table.csv").read_text()
+    return [row["folder"] for row in csv.DictReader(table.splitlines())]
+
+
 def test_the_same_command_takes_only_what_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -35,18 +41,12 @@ def test_the_same_command_takes_only_what_is_missing(
     command = ["batch", "night.toml", "--socket", str(tmp_path / "s")]
     with daemon(config(tmp_path), tmp_path / "s") as bench:
         assert main(command) == 5
-        folders = [
-            row["folder"]
-            for row in csv.DictReader(Path("night/table.csv").read_text().splitlines())
-        ]
+        folders = list_folders()
         taken = len(bench.client.list())
         assert "photo 2: " in capsys.readouterr().out
         Path("night.toml").write_text(TABLE.replace("radius = 3", "seed = 3"))
         assert main(command) == 0
-        again = [
-            row["folder"]
-            for row in csv.DictReader(Path("night/table.csv").read_text().splitlines())
-        ]
+        again = list_folders()
         assert (again[0], again[2]) == (folders[0], folders[2]) and again[1]
         assert len(bench.client.list()) == taken + 1
         assert main(command) == 0 and len(bench.client.list()) == taken + 1

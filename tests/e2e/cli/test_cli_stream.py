@@ -76,6 +76,6 @@ def test_a_reader_that_leaves_ends_the_stream_and_is_told_of(
     def leave(text: str) -> None:
         raise BrokenPipeError
 
-    monkeypatch.setattr("pdcd.cli.stream.write_stdout", leave)
+    monkeypatch.setattr("pdcd.cli.live_figures.write_stdout", leave)
     assert main(["stream", "indirect", "--local", "--config", config, "--codes", "8"]) == 5
     assert "nobody reads the figures any more" in capsys.readouterr().err

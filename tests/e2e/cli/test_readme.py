@@ -177,13 +177,3 @@ def test_the_lines_in_order_and_again_after_a_calibration(
     lines = typed_lines()
     type_lines(environ, tmp_path / "first", [*lines, FULL])
     type_lines(environ, tmp_path / "second", lines)
-
-
-def test_every_word_that_the_readme_explains_elsewhere_is_there() -> None:
-    """A page of words that lacks those of the first page is of no use."""
-    words = (ROOT / "docs" / "words.md").read_text().lower()
-    named = ("hadamard", "orders", "quad", "signed codes", "lattice", "rms", "sigma", "cell",
-             "guard", "pass", "shot", "pilot", "prior", "transport matrix", "window", "refresh",
-             "sub-shift", "mock", "recorder", "bulb")  # fmt: skip
-    assert [word for word in named if f"{word}" not in words] == []
-    assert "docs/words.md" in (ROOT / "README.md").read_text()

@@ -1,4 +1,4 @@
-"""`pdcd serve --background`: it returns when the daemon listens, and its exit status tells."""
+"""`pdcd serve --background` returns when the daemon listens; `pdcd demo` has one of its own."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ pytestmark = pytest.mark.whole
 CONFIG = "[scene]\ngrid = [6, 8]\n[limits]\nmin_free_bytes = 0\n"
 
 
-def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """A command of that user, in a folder."""
+def run(folder: Path, *words: str, **more: str) -> subprocess.CompletedProcess[str]:
+    """A command of that user, in a folder, with `more` in its environment."""
     home = {name: str(folder) for name in ("HOME", "XDG_RUNTIME_DIR", "XDG_STATE_HOME")}
+    environ = {**os.environ, **home, **more}
     command = [sys.executable, "-m", "pdcd", *words]
     return subprocess.run(
-        command, cwd=folder, env={**os.environ, **home}, capture_output=True, text=True, check=False
+        command, cwd=folder, env=environ, capture_output=True, text=True, check=False
     )
 
 
@@ -47,3 +48,12 @@ def test_a_daemon_in_the_background_is_there_when_the_command_returns(tmp_path: 
     finally:
         os.kill(pid, signal.SIGTERM)
     assert soon(lambda: ended(pid))
+
+
+def test_a_demo_takes_a_photo_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / "scratch").mkdir()
+    made = run(tmp_path, "demo", "--codes", "8", "--out", "there", TMPDIR=str(tmp_path / "scratch"))
+    assert made.returncode == 0, made.stderr
+    page = Path(made.stdout.splitlines()[-1].removeprefix("all of it on one page: "))
+    assert page.is_file() and page.is_relative_to(tmp_path / "there")
+    assert list((tmp_path / "scratch").iterdir()) == []

@@ -1,24 +1,20 @@
-"""`pdcd show` beside a daemon, which has the panels, and on the mock bench, which has none."""
+"""`pdcd show` beside a daemon, which has the panels."""
 
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import cv2
 import pytest
 
 from pdcd.cli.main import main
 from pdcd.client import Client
-from tests.captions import caption_height
 from tests.e2e.server._server_harness import Daemon, threaded_daemon
 from tests.sampled import sampled
 
@@ -99,35 +95,3 @@ def test_the_loop_is_not_for_a_daemon(tmp_path: Path, capsys: pytest.CaptureFixt
             assert main(["show", *words, "--socket", str(running.path)]) == 4
             assert "show one that stays" in told(capsys)[1]
         assert running.engine.lit is None
-
-
-@pytest.mark.long
-def test_the_mock_bench_draws_what_would_be_on_its_panels(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    # An endless wait before invisible panels would hang here.
-    killer = threading.Timer(20, os.kill, (os.getpid(), signal.SIGINT))
-    killer.start()
-    try:
-        assert main(["show", "grid"]) == 0
-        out, err = told(capsys)
-        assert "grid on projector and mask" in err
-        assert "1024 x 768 px" in err and "1600 x 1200 px" in err
-        assert out == "show-grid.png\n"
-        assert main(["show", "star", "--out", str(tmp_path / "star.png")]) == 0
-        assert main(["show", "bar"]) == 0
-        for name, height in (("show-grid", 1208), ("star", 1208), ("show-bar", 1848)):
-            picture = cv2.imread(str(tmp_path / f"{name}.png"))
-            assert (
-                picture is not None
-                and picture.shape[0] == height + caption_height(picture.shape[1])
-                and picture.max() == 255
-            )
-        assert main(["show", "black"]) == 0
-        assert "nothing to see" in told(capsys)[1]
-        assert main(["show", "code", "--index", "999"]) == 2
-        assert "0 to 127" in told(capsys)[1]
-        assert main(["show", "--detach"]) == 3  # there is nobody to leave it with
-    finally:
-        killer.cancel()

@@ -17,6 +17,7 @@ from pdcd.errors import (
     BusyError,
     Cancelled,
     ConfigError,
+    DeniedError,
     DeviceLost,
     DriverUnavailable,
     PdcdError,
@@ -226,6 +227,7 @@ def test_end_of_the_job_gives_the_exit_code(
         (RequestError("no such goal"), 2, "request", "no such goal"),
         (DriverUnavailable("no driver is called 'x'", device="display"), 2, "driver_unavailable",
          "display: no driver is called 'x'"),
+        (DeniedError("not yours"), 6, "denied", "not yours"),
         (SyncError("3 late", device="mask"), 5, "sync", "mask: 3 late"),
         (DeviceLost("gone", device="camera"), 5, "device_lost", "camera: gone"),
         (Cancelled("ended"), 130, "cancelled", "ended"),
@@ -271,33 +273,11 @@ def test_what_has_a_job_done_says_that_there_was_none(
     capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     assert main([command, "--json", "--socket", "/no/such/socket"]) == 3
-    told = last_object(capsys.readouterr().out)
+    printed = capsys.readouterr()
+    assert "/no/such/socket" in printed.err
+    told = last_object(printed.out)
     assert (told["job"], told["state"], told["folder"]) == (None, "failed", None)
     assert told["error"]["kind"] == "unreachable"
-
-
-@pytest.mark.whole
-def test_no_daemon_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    socket = str(tmp_path / "nobody.sock")
-    for line in (["status"], ["watch"], ["cancel"], ["wait", "x"], ["capture", "white"],
-                 ["plan", "white"]):  # fmt: skip
-        assert main([*line, "--socket", socket]) == 3
-        printed = capsys.readouterr()
-        assert printed.out == ""
-        assert socket in printed.err
-        assert "Traceback" not in printed.err
-
-
-@pytest.mark.parametrize(
-    ("option", "text"),
-    [("error", "60%"), ("confidence", "0.6"), ("until_error", "60%"), ("p", ".6")],
-)
-def test_every_share_may_be_a_percentage(
-    daemon: type[StubClient], tmp_path: Path, option: str, text: str
-) -> None:
-    assert main(["capture", "indirect", f"--{option.replace('_', '-')}", text]) == 0
-    _, (wanted, *_), _ = daemon.asked
-    assert getattr(wanted, option) == pytest.approx(0.6)
 
 
 def test_reader_that_has_gone_is_no_error_message() -> None:

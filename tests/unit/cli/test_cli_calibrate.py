@@ -121,16 +121,11 @@ def test_somebody_is_asked_where_somebody_is_there(
     assert calibrator.asked[1] == (CalibrateRequest(steps=(), attended=attended), False)
 
 
-def test_all_may_be_measured_anew(calibrator: type[Calibrator]) -> None:
-    assert main(["calibrate", "--anew", "--yes"]) == 0
-    assert calibrator.asked[1] == (CalibrateRequest(anew=True), False)
-
-
 def test_a_scene_may_stand_in_the_place_of_the_card(calibrator: type[Calibrator]) -> None:
-    assert main(["calibrate", "geometry", "--scene", "--marks", "phase", "--yes"]) == 0
-    asked = CalibrateRequest(steps=("geometry",), subject="scene", marks="phase")
+    typed = ["calibrate", "geometry", "--scene", "--marks", "phase", "--anew", "--yes"]
+    assert main(typed) == 0
+    asked = CalibrateRequest(steps=("geometry",), subject="scene", marks="phase", anew=True)
     assert calibrator.asked[1] == (asked, False)
-    assert main(["calibrate", "timing", "--marks", "xor"]) == 2
 
 
 @pytest.mark.parametrize("identical", [True, False])
@@ -193,4 +188,3 @@ def test_who_is_asked_may_press_return_or_give_up(
     ask("put the card there")
     assert capsys.readouterr().err == "put the card there; then press Return\n"
     assert looks == [0.1] * (3 if answered else 5) and len(read) == answered
-    assert calibrate_cli._never() is False

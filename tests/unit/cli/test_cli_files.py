@@ -1,4 +1,4 @@
-"""What commands do with files of runs, and what they say of it: export, verify, report, figures."""
+"""What commands do with files of runs, and what they say of it: verify, figures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 
 from pdcd.bench.calibration import RECORD
 from pdcd.cli import figures as figures_cli
-from pdcd.cli import report as report_cli
 from pdcd.cli import verify as verify_cli
 from pdcd.cli.main import main
 from pdcd.figures.figure import FULL_MODE, QUICK_MODE
@@ -81,32 +80,6 @@ def test_every_folder_is_looked_at_and_one_that_is_not_whole_fails(
     assert [(run["folder"], run["whole"]) for run in told] == [
         ("/b", False), ("/c", False), ("/a", True),
     ]  # fmt: skip
-
-
-# --- report ---------------------------------------------------------------------------------------
-
-
-def test_a_page_is_written_and_its_place_and_size_are_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    page = tmp_path / "page.html"
-    asked: list[Any] = []
-
-    def write(folder: Path, out: Path | None, watch: Any) -> Path:
-        asked.append((folder, out))
-        watch.step(1.0, 4.0)
-        page.write_bytes(bytes(1_250_000))
-        return page
-
-    monkeypatch.setattr(report_cli, "write_report", write)
-    assert main(["report", "run", "--out", "x.html"]) == 0
-    said = capsys.readouterr()
-    assert said.out == f"{page}: 1.2 MB, opens in a browser without a network\n"
-    assert "25 %" in said.err
-    assert main(["report", "run", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == {"file": str(page), "size_bytes": 1_250_000}
-    assert asked == [(Path("run"), Path("x.html")), (Path("run"), None)]
 
 
 # --- figures --------------------------------------------------------------------------------------

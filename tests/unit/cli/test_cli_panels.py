@@ -163,6 +163,10 @@ def test_the_mocks_panels_are_drawn_and_not_waited_for(
     picture.unlink()
     assert main(["show", "black", *words]) == 0
     assert "nothing to see" in capsys.readouterr().err and not picture.exists()
+    assert main(["show", "star", *words[:2]]) == 0
+    assert capsys.readouterr().out == "show-star.png\n"
+    assert main(["show", "code", "--index", "999", *words]) == 2
+    assert "0 to 127" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdcd.cli.exits import DENIED, exit_code_of
 from pdcd.cli.main import main
 from pdcd.errors import DeviceLost
 from pdcd.printable import to_indented_lines, to_one_line
@@ -18,7 +17,6 @@ from pdcd.protocol.events import Event, ShotArmed, decode_event
 from pdcd.protocol.line_talk import UnreachableError
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import OwnerView
-from tests.places import ROOT
 from tests.unit.cli import cli_stubs
 from tests.unit.cli.cli_stubs import JOB_VIEW, STATUS, StubClient, home_at, stub_daemon
 
@@ -103,8 +101,3 @@ def test_what_can_be_seen_stays_and_all_else_is_escaped(text: str) -> None:
         assert shown == text
     first, *more = to_indented_lines(text).split("\n")
     assert first.isprintable() and all(line[:2] == "  " and line.isprintable() for line in more)
-
-
-def test_exit_code_6_is_for_what_one_may_not() -> None:
-    assert exit_code_of("denied") == DENIED == 6
-    assert "6 not allowed" in (ROOT / "docs" / "tour.md").read_text(encoding="utf-8")

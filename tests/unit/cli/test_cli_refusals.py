@@ -13,23 +13,17 @@ A = "a" * 64
 
 REFUSED = {
     # Fields of a request, in the words of its bounds.
-    "capture indirect --codes 70000": "--codes takes a whole number from 1 to 65536, not 70000",
     "capture indirect --p 1": "--p takes a number over 0 and below 1, not 1.0",
     "capture indirect --p nan": "--p takes a number over 0 and below 1, not NaN",
     "capture indirect --white-patch 0.5 1.01":
         "--white-patch takes 2 numbers from 0 to 1, not [0.5, 1.01]",
-    "capture indirect --white-patch nan 0": "--white-patch takes 2 numbers from 0 to 1",
     "capture indirect --exposure 0": "--exposure takes a number over 0 and up to 3600, not 0.0",
-    "capture indirect --exposure inf": "--exposure takes a number over 0 and up to 3600",
     "capture indirect --disparity 1 2 3":
-        "--disparity takes 1 or 2 whole numbers from -65536 to 65536",
-    "capture indirect --disparity 70000":
         "--disparity takes 1 or 2 whole numbers from -65536 to 65536",
     "transport --rows 1 2 3": "--rows",
     # Options that do not go together.
     "capture indirect --local --queue --socket x": "--local goes without --socket and --queue",
     "plan indirect --local --socket x": "--local goes without --socket",
-    "capture indirect --local --config gone.toml": "cannot read the configuration gone.toml",
     "calibrate timing lead": "no step is called 'lead' (steps are",
     "calibrate timing --marks xor": "",
     "calibrate --local --queue": "without --queue",
@@ -42,17 +36,12 @@ REFUSED = {
         "use none --anew", "use none --marks xor", "forget gone --yes", "use ../x", "use gone",
     )},
     f"verify a --manifest-sha256 {A[1:]}": "64 hexadecimal digits",
-    f"verify a --manifest-sha256 {A}a": "64 hexadecimal digits",
     f"verify a --manifest-sha256 {A.replace('a', 'g')}": "64 hexadecimal digits",
     f"verify a a --manifest-sha256 {A}": "64 hexadecimal digits",
     # Numbers out of range.
     "show white --seconds nan": "--seconds nan is not between 0 and",
-    "show white --seconds inf": "--seconds inf is not between 0 and",
-    "doctor trigger --click --seconds -1": "--seconds",
-    "doctor trigger --click --seconds 1e9": "--seconds",
     "doctor trigger --click --seconds nan": "--seconds",
     "virtual-camera --small --port -1": "--port -1 is not between 0 and 65535",
-    "virtual-camera --small --port 65536": "--port 65536 is not between 0 and 65535",
     "snr --profile nikon": "unknown sensor profile",
     "snr --codes 0": "codes = 0",
     "snr --exposure 0": "exposure = 0",
