@@ -20,8 +20,6 @@ from pdcd.bench.reading import TOML_TIME_TYPES
 from pdcd.figures.bench import make_figure_config
 from pdcd.figures.catalog import FIGURES
 from pdcd.figures.figure import (
-    FULL_MODE,
-    QUICK_MODE,
     BoundedNumber,
     FigureMode,
     FigurePhoto,
@@ -135,13 +133,6 @@ def test_the_bench_of_figures_is_as_it_was(
     name: str, golden: dict[str, Any], tmp_path: Path
 ) -> None:
     alike(bench(TAKES[name], TINY_MODE, tmp_path), golden["bench"][name], name)
-
-
-def test_modes_have_the_cells_and_the_frames_that_bounds_were_stated_for() -> None:
-    assert FigureMode("quick", (30, 40), (336, 224), 320, True, 4, 32) == QUICK_MODE
-    assert FigureMode("full", (48, 64), (2145, 1428), 1280, False, 1, 32) == FULL_MODE
-    assert FigureMode("tiny", (12, 16), (120, 80), 100, True, 4, 16) == TINY_MODE
-    assert (QUICK_MODE.bound(1.0, 2.0), FULL_MODE.bound(1.0, 2.0)) == (1.0, 2.0)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,6 @@ from pdcd.figures.figure import (
     QUICK_MODE,
     BoundedNumber,
     FigurePhoto,
-    PanelRow,
     PaperFigure,
     Photos,
 )
@@ -51,10 +50,6 @@ def photo(
 
 def numbers(figure: PaperFigure, photos: Photos) -> dict[str, BoundedNumber]:
     return figures_rig.numbers_of(figure, photos, QUICK_MODE)
-
-
-def rows(figure: PaperFigure, photos: Photos) -> list[PanelRow]:
-    return [one for one in figure.shown(QUICK_MODE, photos) if isinstance(one, PanelRow)]
 
 
 def fraction_photos(
@@ -290,17 +285,3 @@ def test_the_path_by_the_mirror_goes_the_way_of_the_scene() -> None:
     seen[warp[middle]] = 0.0
     brightest = int(np.argmax(seen))
     assert np.abs(np.subtract(np.divmod(brightest, 32), np.divmod(middle, 32))).max() <= 1
-
-
-def test_tables_have_all_their_rows() -> None:
-    for table, asked in (
-        (tables.TABLE_1, tables.list_table_1_rows((24, 32))),
-        (tables.TABLE_2, tables.list_table_2_rows((24, 32))),
-    ):
-        shown = rows(table, {name: photo(flat(0.5)) for name in table.takes(QUICK_MODE)})
-        assert [row.title for row in shown] == [f"Row {n}: {one.words}" for n, one in
-                                                enumerate(asked, 1)]  # fmt: skip
-        # What a filter or a difference gives has both signs; all else is light.
-        for one, row in zip(asked, shown, strict=True):
-            signs = {panel.signed for panel in row.panels}
-            assert signs == {one.goal in ("descattered", "filtered")}, row.title

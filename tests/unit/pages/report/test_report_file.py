@@ -163,4 +163,5 @@ def test_the_command_says_where_the_page_is(
     out.unlink()
     out.symlink_to(tmp_path / "elsewhere")
     assert main(["report", str(folder), "--out", str(out)]) == 0
+    assert f"{out}: " in capsys.readouterr().out
     assert not out.is_symlink() and not (tmp_path / "elsewhere").exists()
