@@ -50,17 +50,16 @@ class Watch:
             self.step(self._done, self._total)
 
     @contextmanager
-    def piece(self, units: float, signs: int | None = None) -> Iterator[Callable[[], None]]:
-        """A piece of the expected work, during which about `signs` signs of life are given.
+    def piece(self, units: float) -> Iterator[Callable[[], None]]:
+        """A piece of the expected work, during which an unknown number of signs of life are given.
 
-        Each sign counts for its share; if their number is not known (None), for a tenth of what is
-        left. The rest counts as done at the end of the piece.
+        Each counts for a tenth of what is left; the rest counts as done at the end of the piece.
         """
         left = units
 
         def alive() -> None:
             nonlocal left
-            now = left / 10.0 if signs is None else min(units / max(signs, 1), left)
+            now = left / 10.0
             left -= now
             self.did(now)
 

@@ -20,6 +20,7 @@ from pdcd.pages.report import write_report
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.row import read_matrix_row
 from pdcd.pictures.written.picture_files import read_tiff
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify import verify_run
 from tests import bench_rig, tools

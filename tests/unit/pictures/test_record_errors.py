@@ -56,9 +56,9 @@ def test_a_watch_hears_every_sign_of_life_and_what_is_worked_on() -> None:
     watch.expect(2.0)
     watch.did(1.0)
     assert told[-1] == (1.0, 4.0) and len(signs) == 2
-    with watch.piece(1.0, 0) as alive:
+    with watch.piece(1.0) as alive:
         alive()
-    assert told[1:] == [(1.0, 4.0), (2.0, 4.0), (2.0, 4.0)]
+    assert told[1:] == [(1.0, 4.0), (1.1, 4.0), (2.0, 4.0)]
     short = Watch(step=lambda done, total: told.append((done, total)))
     short.expect(0.5)
     short.did(0.25)
