@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -22,13 +23,18 @@ from tests.processes import LONG_S, soon
 
 @contextmanager
 def serving(*words: str | Path, **how: Any) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that serves with these words; it is killed on leaving."""
+    """A process that serves with these words; it is killed on leaving. It hears SIGHUP also where
+    the tests do not, as below nohup."""
     command = [sys.executable, "-m", "pdcd", "serve", *map(str, words)]
-    with subprocess.Popen(command, **how) as process:
+    with subprocess.Popen(command, preexec_fn=_hear_hangup, **how) as process:
         try:
             yield process
         finally:
             process.kill()
+
+
+def _hear_hangup() -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @contextmanager
