@@ -181,11 +181,8 @@ def _marks(photo: QuadPhoto) -> _Marks:
     return np.zeros(photo.frame, np.bool_) if photo.saturated is None else photo.saturated
 
 
-def check_clipping(name: str, photo: QuadPhoto | BlockMeans, hint: str) -> None:
-    """Raise CalibrationError where a photo is over-exposed."""
-    share = (
-        float(np.mean(photo.clipped)) if isinstance(photo, BlockMeans) else photo.saturated_share()
-    )
+def check_clipping(name: str, share: float, hint: str) -> None:
+    """Raise CalibrationError where this share of a photo is saturated: over-exposed."""
     if share > _CLIPPED_SHARE:
         raise CalibrationError(
             f"photo {name} is saturated in {100.0 * share:.2g} % of the picture",
@@ -258,10 +255,10 @@ def check_camera_settings(
             device="camera",
             hint="set the camera to manual",
         )
-    check_black_level(seen)
+    _check_black_level(seen)
 
 
-def check_black_level(seen: Mapping[str, RawSettings]) -> None:
+def _check_black_level(seen: Mapping[str, RawSettings]) -> None:
     """Raise CalibrationError where the black level of a series moves."""
     blacks = [said.black_dn for said in seen.values() if said.black_dn]
     if not blacks:

@@ -8,6 +8,7 @@ each of them black and white. Patterns have grey levels only where these are the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from pdcd.panels.patterns import Patterns, make_empty_patterns, pack_bits
 
 Bits = NDArray[np.bool_]
 _Levels = NDArray[np.uint8]
+PanelName = Literal["projector", "mask"]
+NO_PATTERNS: Bits = np.zeros((0, 0, 0), np.bool_)
+"""Of a panel that is black or white throughout."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +65,23 @@ def make_still_sequence(
 ) -> PanelSequence:
     """A photo in which nothing changes. Each panel shows one pattern (height, width), or `BLACK` or
     `WHITE`."""
-    nothing: Bits = np.zeros((0, 0, 0), np.bool_)
     first, second = (
-        nothing if isinstance(panel, int) else panel[None] for panel in (projector, mask)
+        NO_PATTERNS if isinstance(panel, int) else panel[None] for panel in (projector, mask)
     )
     rows = [
         np.full(refreshes, panel if isinstance(panel, int) else 0, dtype=np.int32)
         for panel in (projector, mask)
     ]
     return PanelSequence(name, first, second, rows[0], rows[1])
+
+
+def make_sole_sequence(
+    name: str, refreshes: int, panel: PanelName, picture: Bits | _Levels | int
+) -> PanelSequence:
+    """A photo in which one panel shows a picture, as for `make_still_sequence`, and the other lets
+    all light pass."""
+    both = (picture, WHITE) if panel == "projector" else (WHITE, picture)
+    return make_still_sequence(name, refreshes, *both)
 
 
 def pack_frames(shown: PanelSequence) -> Frames:

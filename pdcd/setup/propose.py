@@ -15,7 +15,6 @@ from pdcd.setup.facts import (
     VIRTUAL,
     BenchChoices,
     BenchFacts,
-    CameraFact,
     PortFact,
 )
 from pdcd.setup.grid import choose_field
@@ -182,10 +181,8 @@ def _unmatched(pair: tuple[Output, Output]) -> str:
 
 def _add_cells(made: BenchProposal, projector: tuple[int, int], mask: tuple[int, int]) -> None:
     """Add cells that are square on the scene, and the part of the projector's picture they fill."""
-    (width, height), (left, top, wide, tall), (rows, cols) = (
-        projector,
-        *choose_field(projector, mask),
-    )
+    width, height = projector
+    (left, top, wide, tall), (rows, cols) = choose_field(projector, mask)
     made.put("scene", grid=[rows, cols])
     made.notes["scene", "grid"] = f"cells of {wide // cols} x {tall // rows} projector pixels"
     whole = (wide, tall) == projector
@@ -221,7 +218,7 @@ def _add_camera(made: BenchProposal, facts: BenchFacts, chosen: BenchChoices) ->
         made.put("rig", clock="real")
         made.put("camera", driver=camera.driver, profile=camera.profile)
         if len(alike) > 1 and camera.driver != "gphoto2":
-            made.put("camera", options=_name_camera(camera))
+            made.put("camera", options={"id" if camera.driver == "ptp" else "camera": camera.key})
         made.plug.append(f"camera: {camera.words}")
         if camera.driver != "genicam":
             made.plug.append(_BODY)
@@ -229,10 +226,6 @@ def _add_camera(made: BenchProposal, facts: BenchFacts, chosen: BenchChoices) ->
             made.left.append("write the lens's f-number into pdcd.toml: [camera] f_number")
     if chosen.f_number is not None:
         made.put("camera", f_number=chosen.f_number)
-
-
-def _name_camera(camera: CameraFact) -> dict[str, str]:
-    return {"id" if camera.driver == "ptp" else "camera": camera.key}
 
 
 def _add_release(made: BenchProposal, facts: BenchFacts, chosen: BenchChoices) -> None:

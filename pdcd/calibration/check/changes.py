@@ -34,6 +34,8 @@ _FEWEST_DOTS, _LEAST_DOTS = 30, 0.6
 """Dots, and share of the reference's dots, that must be found again."""
 _LEAST_WHITE = 0.05
 """White over that of the reference, below which there was no light."""
+_PARTS = (12, 16)
+"""Rows and columns of parts of the white photo."""
 _UNEVEN = 0.1
 """Spread of white over its reference from which the scene has changed, not the lamp."""
 
@@ -124,10 +126,10 @@ def compare_snapshots(
     return CheckResult(tuple(findings), camera, mask, lamp)
 
 
-def average_parts(light: Floats, shape: tuple[int, int] = (12, 16)) -> Floats:
+def average_parts(light: Floats) -> Floats:
     """Mean light of the parts of a photo (h, w), (rows, cols): `BenchSnapshot.white`."""
     rows, cols = (
-        np.array_split(np.arange(side), n) for side, n in zip(light.shape, shape, strict=True)
+        np.array_split(np.arange(side), n) for side, n in zip(light.shape, _PARTS, strict=True)
     )
     return np.array([[light[np.ix_(row, col)].mean() for col in cols] for row in rows])
 

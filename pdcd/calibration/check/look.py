@@ -16,6 +16,7 @@ from pdcd.calibration.check.moved import MapDrift, fit_map_drift
 from pdcd.calibration.geometry.dots import DotGrid
 from pdcd.calibration.geometry.finding import find_known_dots
 from pdcd.calibration.geometry.geometry_step import make_dot_grids
+from pdcd.calibration.geometry.panel_map import quads_across_px
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.script import (
     CalibrationPhoto,
@@ -57,11 +58,12 @@ class SnapshotExposure:
     f_number: float | None
     refreshes: int
 
-    def photo(
-        self, shown: PanelSequence
+    def take(
+        self, session: CalibrationSession, shown: PanelSequence
     ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, CalibrationPhoto]:
         """Take one photo with these settings."""
-        return (yield from take_photo(PhotoRequest(shown, self.iso, self.f_number)))
+        wanted = PhotoRequest(session.in_step(shown), self.iso, self.f_number)
+        return (yield from take_photo(wanted))
 
 
 def take_snapshot(
@@ -71,26 +73,23 @@ def take_snapshot(
     why the lag is not known where it is not."""
     projector, mask, camera = (session.found(name) for name in ("projector", "mask", "camera"))
     refreshes = exposure.refreshes
-    taken = yield from exposure.photo(
-        session.in_step(make_still_sequence("white", refreshes, WHITE, WHITE))
-    )
+    shown = make_still_sequence("white", refreshes, WHITE, WHITE)
+    taken = yield from exposure.take(session, shown)
     white, said = session.photo(taken), taken.seen
-    taken = yield from exposure.photo(
-        session.in_step(make_still_sequence("room", refreshes, BLACK, WHITE))
-    )
-    room = session.photo(taken)
+    shown = make_still_sequence("room", refreshes, BLACK, WHITE)
+    room = session.photo((yield from exposure.take(session, shown)))
     of_projector, of_mask = make_dot_grids(session)
-    sigma_px = 1.0 / _quads_per_px(projector, camera)
+    sigma_px = 1.0 / quads_across_px(projector, camera)
 
     shown = make_still_sequence("dots-projector", refreshes, of_projector.dots(), WHITE)
-    photo = session.photo((yield from exposure.photo(session.in_step(shown))))
+    photo = session.photo((yield from exposure.take(session, shown)))
     index, quads, sigma = _again(white, photo, of_projector, projector, camera)
     seen = map_between(camera, projector, quads)
     bumped = fit_map_drift(projector.size_px, seen, of_projector.centres(index), sigma_px * sigma)
     camera = camera.then(bumped.of_field)
 
     shown = make_still_sequence("dots-mask", refreshes, WHITE, of_mask.dots())
-    photo = session.photo((yield from exposure.photo(session.in_step(shown))))
+    photo = session.photo((yield from exposure.take(session, shown)))
     index, quads, sigma = _again(white, photo, of_mask, mask, camera)
     believed = map_between(mask, projector, of_mask.centres(index))
     seen = map_between(camera, projector, quads)
@@ -100,7 +99,7 @@ def take_snapshot(
     closed = measure_closed_mask(
         photo.main, photo.main_variance, white.main,
         places[np.isfinite(places).all(axis=-1)],
-        _DOTS_END * of_mask.radius_px * _quads_per_px(mask, camera),
+        _DOTS_END * of_mask.radius_px * quads_across_px(mask, camera),
     )  # fmt: skip
 
     why, lag = "", None
@@ -199,7 +198,7 @@ def _strips(
     )
     periods = exposure.refreshes // strips.programmes[0].of
     shown = make_strip_sequence("strips", strips, projector, mask, white=False, periods=periods)
-    taken = yield from exposure.photo(session.in_step(shown))
+    taken = yield from exposure.take(session, shown)
     ran = undo_mask_shift(taken.ran, session.behind_rows, shown.refreshes)
     (white, room), photo = white_and_room, session.photo(taken)
     read = read_strips(photo, white, camera, strips, bands=lags.size, gaps=False, room=room)
@@ -227,10 +226,3 @@ def _settings(
         "f_number by the file": f"{told_f or 0.0:.3g}",
         "frame": f"{width} x {height} pixels",
     }
-
-
-def _quads_per_px(panel: Map, camera: Map) -> float:
-    """Quads of the photo per pixel of the panel, in its middle."""
-    middle = 0.5 * np.array([panel.size_px], dtype=np.float64)
-    ends = [map_between(panel, camera, middle + step) for step in ((-0.5, 0.0), (0.5, 0.0))]
-    return float(np.hypot(*(ends[1] - ends[0])[0]))

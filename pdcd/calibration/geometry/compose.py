@@ -47,14 +47,14 @@ class ComposedMaps:
         )
         return found
 
-
-@dataclass(frozen=True)
-class FieldMaps:
-    """The maps of all three devices to the projector's picture."""
-
-    projector: Map
-    mask: Map
-    camera: Map
+    @property
+    def maps(self) -> dict[str, Map]:
+        """The maps of projector, mask and camera to the projector's picture."""
+        return {
+            "projector": Map.filling(self.projector_of.target_size_px),
+            "mask": self.mask.map,
+            "camera": self.projector_of.map,
+        }
 
 
 def compose_maps(projector_of: FittedMap, mask_of: FittedMap) -> ComposedMaps:
@@ -90,15 +90,6 @@ def compose_maps(projector_of: FittedMap, mask_of: FittedMap) -> ComposedMaps:
         pairs, mask_of.target_size_px, projector_of.target_size_px, "mask", nodes=_COMPOSED_NODES
     )
     return ComposedMaps(fitted, projector_of, mask_of)
-
-
-def make_field_maps(composed: ComposedMaps) -> FieldMaps:
-    """Three maps to the projector's picture."""
-    return FieldMaps(
-        projector=Map.filling(composed.projector_of.target_size_px),
-        mask=composed.mask.map,
-        camera=composed.projector_of.map,
-    )
 
 
 def _covariance(projector_of: FittedMap, mask_of: FittedMap, places: Floats) -> Floats:

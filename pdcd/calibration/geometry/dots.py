@@ -10,18 +10,15 @@ black, so they cost the dots nothing.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
-from pdcd.calibration.shown import Bits, PanelSequence, make_still_sequence
+from pdcd.calibration.shown import Bits, PanelName, PanelSequence, make_sole_sequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.blocks import hash_to_bits
-from pdcd.panels.frames import BLACK, WHITE
-
-PanelName = Literal["projector", "mask"]
+from pdcd.panels.frames import BLACK
 
 _USUAL_PITCH_PX: dict[PanelName, int] = {"projector": 32, "mask": 40}
 _LEAST_COLUMNS = 16
@@ -36,7 +33,8 @@ PER_RADIUS = 5
 class DotGrid:
     """The dots of one panel.
 
-    size_px : (width, height) of the panel; pitch_px, radius_px : of the dots.
+    size_px : (width, height) of the panel; pitch_px, radius_px : of the dots, whose pitch is four
+        radii or more.
     """
 
     panel: PanelName
@@ -62,12 +60,6 @@ class DotGrid:
                 hint=f"{width} x {height} are needed; for a mock bench, set {panel}.size_px",
             )
         return cls(panel, size_px, pitch, float(round(pitch / PER_RADIUS)))
-
-    def __post_init__(self) -> None:
-        if self.pitch_px < 4 * self.radius_px or self.radius_px < 2.0:
-            raise ValueError("dots need a radius of 2 pixels and a pitch of 4 radii")
-        if min(self.shape) < _LEAST_ROWS:
-            raise ValueError("a panel needs 4 x 4 dots at least")
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -103,16 +95,10 @@ class DotGrid:
         """The three photos: white, black, dots; `refreshes` each. The other panel lets all light
         pass."""
         return (
-            self._still("white", refreshes, self.white()),
-            self._still("black", refreshes, BLACK),
-            self._still("dots", refreshes, self.dots()),
+            make_sole_sequence(f"white-{self.panel}", refreshes, self.panel, self.white()),
+            make_sole_sequence(f"black-{self.panel}", refreshes, self.panel, BLACK),
+            make_sole_sequence(f"dots-{self.panel}", refreshes, self.panel, self.dots()),
         )
-
-    def _still(self, what: str, refreshes: int, picture: Bits | int) -> PanelSequence:
-        name = f"{what}-{self.panel}"
-        if self.panel == "projector":
-            return make_still_sequence(name, refreshes, projector=picture, mask=WHITE)
-        return make_still_sequence(name, refreshes, projector=WHITE, mask=picture)
 
     def _discs(self, present: Bits, shift: float) -> Bits:
         """Discs at some places of the lattice, which is shifted by `shift` pitches."""

@@ -131,7 +131,7 @@ def fit_map(
     lens = _lens(model, start, near, wanted, _LENS_LOSS_PX / unit)
     numbers = np.concatenate([lens, np.zeros(2 * nodes[0] * nodes[1])])
     basis = model.basis(pairs.source_px)
-    prior, expected = model.prior(numbers)
+    prior = model.prior(numbers.size)
     for _ in range(_ROUNDS):
         error = wanted - model.target(numbers, basis, near)
         lengths = np.hypot(*(error / sigma).T)
@@ -142,9 +142,7 @@ def fit_map(
         per = np.sqrt(weight)[:, None] / (sigma * max(scatter, 1.0))
         rows = (model.slopes(numbers, basis, near) * per[..., None]).reshape(-1, numbers.size)
         normal = rows.T @ rows + prior
-        step = np.linalg.solve(
-            normal, rows.T @ (error * per).ravel() + prior @ (expected - numbers)
-        )
+        step = np.linalg.solve(normal, rows.T @ (error * per).ravel() - prior @ numbers)
         numbers = numbers + step
     covariance = np.asarray(np.linalg.inv(normal))
     error = wanted - model.target(numbers, basis, near)
@@ -303,11 +301,11 @@ class _Model:
             found[:, axis, _LENS + count :] = by[:, 1:] * basis
         return found
 
-    def prior(self, numbers: Floats) -> tuple[Floats, Floats]:
-        """Inverse covariance of the prior, and its mean."""
+    def prior(self, numbers: int) -> Floats:
+        """Inverse covariance of the prior, whose mean is 0."""
         unit = 0.5 * self._source[1]
         rows, cols = self._nodes
-        found = np.zeros((numbers.size, numbers.size))
+        found = np.zeros((numbers, numbers))
         found[8, 8] = found[9, 9] = _LENS_SD**-2
         bends = compute_second_differences(self._nodes)
         held = bends.T @ bends * (unit / _BEND_SD_PX) ** 2
@@ -315,7 +313,7 @@ class _Model:
         count = rows * cols
         found[_LENS : _LENS + count, _LENS : _LENS + count] = held
         found[_LENS + count :, _LENS + count :] = held
-        return found, np.zeros(numbers.size)
+        return found
 
     def map(self, numbers: Floats) -> Map:
         """The same model as a `Map`."""

@@ -13,8 +13,8 @@ from pdcd.arrays import Floats
 from pdcd.bench.placed import make_camera_map, panels_of
 from pdcd.bench.tables import Config
 from pdcd.calibration.figures import MeasuredFigure, Verdict
-from pdcd.calibration.geometry.compose import ComposedMaps, FieldMaps, compose_maps, make_field_maps
-from pdcd.calibration.geometry.dots import DotGrid, PanelName
+from pdcd.calibration.geometry.compose import ComposedMaps, compose_maps
+from pdcd.calibration.geometry.dots import DotGrid
 from pdcd.calibration.geometry.finding import Dots, find_dots
 from pdcd.calibration.geometry.fit import FittedMap
 from pdcd.calibration.geometry.panel_map import (
@@ -45,6 +45,7 @@ from pdcd.calibration.script import (
     UserPrompt,
     take_photo,
 )
+from pdcd.calibration.shown import PanelName
 from pdcd.errors import CalibrationError, ConfigError
 from pdcd.panels.map import Map, map_between
 from pdcd.panels.map_soundness import LEAST_SHARE, find_points_on_device
@@ -99,10 +100,9 @@ def calibrate_geometry(session: CalibrationSession) -> StepScript:
     projector, mask = yield from _marked(session)
     composed = compose_maps(projector.main, mask.main)
     _refuse_unlike(session, composed)
-    field = make_field_maps(composed)
-    maps = {"projector": field.projector, "mask": field.mask, "camera": field.camera}
-    scale = compute_pixel_ratio(field.mask, field.projector)
-    common = _shared(session, composed, field, scale)
+    maps = composed.maps
+    scale = compute_pixel_ratio(maps["mask"], maps["projector"])
+    common = _shared(session, composed, scale)
     words = {f"{name}.place.map": ConfigValue("maps.npz") for name in maps}
     words["mask.offset_px"] = ConfigValue((0.0, 0.0))
     words[FIELD] = ConfigValue(common.box)
@@ -124,20 +124,18 @@ def calibrate_geometry(session: CalibrationSession) -> StepScript:
     )
 
 
-def _shared(
-    session: CalibrationSession, composed: ComposedMaps, field: FieldMaps, finer_px: float
-) -> SharedField:
+def _shared(session: CalibrationSession, composed: ComposedMaps, finer_px: float) -> SharedField:
     """The part of the projector's picture that mask and camera share."""
-    mask, camera = field.mask, field.camera
+    projector, mask, camera = composed.maps.values()
     at = np.stack(np.meshgrid(*((np.arange(_PLACES) + 0.5) / _PLACES,) * 2), axis=-1)
     on_mask = at.reshape(-1, 2) * mask.size_px
     # Where the camera does not see the mask, its map is only extrapolated: no field lies there.
-    seen = find_points_on_device(field.projector, map_between(mask, field.projector, on_mask))
+    seen = find_points_on_device(projector, map_between(mask, projector, on_mask))
     seen &= find_points_on_device(camera, map_between(mask, camera, on_mask))
     sigma_px = float(np.nanquantile(composed.sigma_px(on_mask[seen]), 0.95)) if seen.any() else 0.0
     quads = quads_per_px(composed.projector_of)
     return find_shared_field(
-        field.projector.size_px,
+        projector.size_px,
         {"mask": mask, "camera": camera},
         {"mask": edge_px(sigma_px, finer_px), "camera": edge_px(sigma_px, quads)},
         _cells(session.config),
@@ -214,8 +212,7 @@ def _by_stripes(
     """Measure a panel with stripes. near_px : pixels that quads are believed to see, (h, w, 2)
     each; periods are numbered by the best of them."""
     code = _code(grid)
-    striped = yield from measure_stripes(session, code, near_px)
-    return PanelMarks(grid.panel, striped.fitted(session, code))
+    return PanelMarks(grid.panel, (yield from measure_stripes(session, code, near_px)))
 
 
 def _beliefs(

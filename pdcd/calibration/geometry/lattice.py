@@ -19,7 +19,7 @@ _SEEDS = 9
 """Dots from which counting starts, one after the other, until enough dots are counted."""
 _ENOUGH = 0.6
 """Share of the dots that must be counted for no other start to be tried."""
-LEAST_SCORE, LEAST_LEAD = 0.6, 0.25
+_LEAST_SCORE, _LEAST_LEAD = 0.6, 0.25
 """Least agreement with the code, and its least lead over the second best place. Chance alone
 reaches 4.5 / sqrt(places) of all places, turns and mirrors."""
 
@@ -51,7 +51,7 @@ class LatticePlace:
     @property
     def sure(self) -> bool:
         """Whether the agreement is more than chance."""
-        return self.score >= LEAST_SCORE and self.lead >= LEAST_LEAD
+        return self.score >= _LEAST_SCORE and self.lead >= _LEAST_LEAD
 
     def index(self, counted: Indices) -> Indices:
         """(column, row) in the grid of dots counted from anywhere, (n, 2)."""

@@ -435,6 +435,13 @@ def quads_per_px(fitted: FittedMap) -> float:
     return float(1.0 / np.sqrt(abs(np.linalg.det(fitted.slope(middle)[0]))))
 
 
+def quads_across_px(panel: Map, camera: Map) -> float:
+    """Quads of the photo from one pixel of a panel to the next one in its row, in its middle."""
+    middle = 0.5 * np.array(panel.size_px, dtype=np.float64)
+    ends = [map_between(panel, camera, middle + np.array([step, 0.0])) for step in (-0.5, 0.5)]
+    return float(np.hypot(*(ends[1] - ends[0])))
+
+
 def _apart(one: Map, two: Map) -> float:
     """Mean distance of two maps over the middle of the photo, in their unit square."""
     at = np.linspace(0.3, 0.7, 5)

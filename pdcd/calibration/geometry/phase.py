@@ -21,10 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Bools, Floats
-from pdcd.calibration.geometry.dots import PanelName
 from pdcd.calibration.geometry.lit import LIT_SIGMAS
 from pdcd.calibration.photo import QuadPhoto
-from pdcd.calibration.shown import Bits, PanelSequence
+from pdcd.calibration.shown import NO_PATTERNS, Bits, PanelName, PanelSequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 
@@ -64,7 +63,7 @@ class DecodedQuads:
 class PhaseCode:
     """The patterns of one panel.
 
-    size_px : (width, height). period_px : even, so that half periods are whole pixels.
+    size_px : (width, height). period_px : even, so that half periods are whole pixels; 4 or more.
     steps : shifts of the sine, 3 or more. levels : refreshes that make one sine.
     """
 
@@ -73,10 +72,6 @@ class PhaseCode:
     period_px: int = 16
     steps: int = 4
     levels: int = 16
-
-    def __post_init__(self) -> None:
-        if self.period_px < 4 or self.period_px % 2 or self.steps < 3 or self.levels < 2:
-            raise ValueError("a period is even and 4 pixels at least; 3 steps, 2 levels at least")
 
     def sine(self, axis: int, step: int) -> Bits:
         """(levels, height, width) bool: a shifted sine above rising thresholds."""
@@ -106,10 +101,10 @@ def make_panel_sequence(
     name: str, panel: PanelName, patterns: Bits, index: NDArray[np.int32]
 ) -> PanelSequence:
     """A photo in which one panel shows patterns while the other lets all light pass."""
-    nothing, all_light = np.zeros((0, 0, 0), np.bool_), np.full_like(index, WHITE)
+    all_light = np.full_like(index, WHITE)
     if panel == "projector":
-        return PanelSequence(name, patterns, nothing, index, all_light)
-    return PanelSequence(name, nothing, patterns, all_light, index)
+        return PanelSequence(name, patterns, NO_PATTERNS, index, all_light)
+    return PanelSequence(name, NO_PATTERNS, patterns, all_light, index)
 
 
 def check_periods(found: DecodedQuads, prior_px: Floats, code: PhaseCode) -> None:

@@ -21,7 +21,7 @@ from pdcd.panels.map_soundness import SHORT_PX
 FieldBox = tuple[int, int, int, int]
 """Left, top, width and height in pixels of the projector."""
 
-MOST_PLACES = 1_500_000
+_MOST_PLACES = 1_500_000
 """Pixels that are searched one by one, at most; a larger picture is searched by blocks."""
 ENOUGH = 0.5
 """Share of the projector's picture below which something is to be moved."""
@@ -105,7 +105,7 @@ def find_largest_box(good: Bools) -> FieldBox:
     """The largest rectangle of a picture (height, width) in which all is good; an empty one where
     there is none. A large picture is searched by blocks of pixels; then the sides of the rectangle
     are moved outwards while all in it is good."""
-    block = math.ceil(math.sqrt(good.size / MOST_PLACES))
+    block = math.ceil(math.sqrt(good.size / _MOST_PLACES))
     if block <= 1:
         return _largest(good)
     high, wide = (side // block for side in good.shape)

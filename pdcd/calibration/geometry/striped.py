@@ -7,7 +7,6 @@ light comes round corners.
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from pdcd.calibration.geometry.fit import FittedMap
 from pdcd.calibration.geometry.lit import OFFSETS_QUADS
 from pdcd.calibration.geometry.panel_map import fit_decoded_quads
 from pdcd.calibration.geometry.phase import (
-    DecodedQuads,
     PhaseCode,
     Placed,
     Sines,
@@ -40,33 +38,16 @@ _BASE_QUADS = 3.5
 """Base stripes of XOR codes: the narrowest of `_BASES_PX` that are so wide in a photo."""
 
 
-@dataclass(frozen=True, eq=False)
-class DecodedStripes:
-    """What a panel's stripes showed in each colour."""
-
-    seen: tuple[DecodedQuads, ...]
-    pattern: str
-
-    def fitted(self, session: CalibrationSession, code: PhaseCode) -> list[FittedMap]:
-        """The maps from quads to the panel. Raises CalibrationError."""
-        return [
-            fit_decoded_quads(
-                seen,
-                code.size_px,
-                code.panel,
-                offset_quads=offset_quads,
-                subject=session.subject,
-            )
-            for offset_quads, seen in zip(OFFSETS_QUADS[self.pattern], self.seen, strict=True)
-        ]
-
-
 def measure_stripes(
     session: CalibrationSession, code: PhaseCode, near_px: Sequence[Floats]
-) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, DecodedStripes]:
-    """Photograph sines along both axes, and random blocks. Periods are numbered by the best of some
-    priors, each (h, w, 2) pixels of the panel: the one on whose offset most quads agree, whatever
-    that offset is. Raises CalibrationError where none is near enough."""
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, list[FittedMap]]:
+    """Photograph sines along both axes, and random blocks; the maps from quads to the panel in each
+    colour.
+
+    Periods are numbered by the best of some priors, each (h, w, 2) pixels of the panel: the one on
+    whose offset most quads agree, whatever that offset is. Raises CalibrationError where none is
+    near enough.
+    """
     axes, beliefs, half = [], [], np.zeros((0, 0))
     for axis in (0, 1):
         sines, pattern = yield from _sines(session, code, axis)
@@ -83,7 +64,12 @@ def measure_stripes(
     off = blocks.find_period_error(session.photo(taken), half, seen, code)
     away_px = code.period_px * np.array(off)
     moved = [[(at + by, *rest) for at, *rest in a] for a, by in zip(axes, away_px, strict=True)]
-    return DecodedStripes(_joined(moved, code), pattern)
+    joined = [join_axes_on_panel(list(both), code) for both in zip(*moved, strict=True)]
+    size, panel, subject = code.size_px, code.panel, session.subject
+    return [
+        fit_decoded_quads(seen, size, panel, offset_quads=offset_quads, subject=subject)
+        for offset_quads, seen in zip(OFFSETS_QUADS[pattern], joined, strict=True)
+    ]
 
 
 def measure_xor_map(
@@ -138,7 +124,3 @@ def _placed(sines: Sequence[Sines], near_px: Floats) -> list[Placed]:
     main = pick_main(sines)
     placed = main.place(near_px)
     return [placed if one is main else one.place(placed[0]) for one in sines]
-
-
-def _joined(axes: Sequence[Sequence[Placed]], code: PhaseCode) -> tuple[DecodedQuads, ...]:
-    return tuple(join_axes_on_panel(list(both), code) for both in zip(*axes, strict=True))

@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.arrays import Bools
-from pdcd.calibration.geometry.dots import PanelName
 from pdcd.calibration.geometry.lit import LIT_SIGMAS
 from pdcd.calibration.geometry.phase import AXES, LEAST_VALID, DecodedQuads, make_panel_sequence
 from pdcd.calibration.photo import QuadPhoto
-from pdcd.calibration.shown import Bits, PanelSequence
+from pdcd.calibration.shown import Bits, PanelName, PanelSequence
 from pdcd.errors import CalibrationError
 
 _MEDIAN = 5
@@ -40,10 +39,6 @@ class XorCode:
     panel: PanelName
     size_px: tuple[int, int]
     base_px: int = 4
-
-    def __post_init__(self) -> None:
-        if self.base_px < 2 or self.base_px & (self.base_px - 1):
-            raise ValueError("a base stripe is a power of two pixels wide, 2 at least")
 
     def bits(self, axis: int) -> int:
         """Bits that number the pixels along an axis."""

@@ -27,7 +27,7 @@ from pdcd.calibration.figures import ROOM_GOOD, MeasuredFigure, Verdict
 from pdcd.calibration.light.end_levels import EndLevels, measure_end_levels
 from pdcd.calibration.light.light_plan import LightPlan, PulseEdges
 from pdcd.calibration.light.light_series import LightSeries, LitMeans, make_light_series
-from pdcd.calibration.photo import BlockMeans, QuadPhoto
+from pdcd.calibration.photo import BlockMeans
 from pdcd.errors import CalibrationError
 
 _LAMP_GOOD = 0.01
@@ -135,22 +135,20 @@ def _contrast(panel: str, share: _Share, with_room: bool) -> MeasuredFigure:
 
 
 def measure_light(
-    photos: Mapping[str, QuadPhoto | BlockMeans],
+    photos: Mapping[str, BlockMeans],
     plan: LightPlan,
     *,
-    edges: PulseEdges | None = None,
-    black_sigma: float = 0.3,
+    edges: PulseEdges,
+    black_sigma: float,
     field: NDArray[np.bool_] | None = None,
 ) -> LightMeasurement:
     """Contrasts and room light out of a series.
 
     Parameters
     ----------
-    photos : by the names of `plan.photos()`, all of one aperture and ISO; those of
-        `light_plan.COVERED` and of `plan.levels` may be missing. By blocks of 16 quads they take
-        less memory.
-    plan : what was shown.
-    edges : of the panels; None: unknown, within 4 ms.
+    photos : by the names of `plan.photos()`, all of one aperture and ISO, by blocks of 16 quads;
+        those of `light_plan.COVERED` and of `plan.levels` may be missing.
+    plan : what was shown. edges : of the panels.
     black_sigma : standard deviation of one photo's black level, in the units of the photos: 0.3 DN
         by a number of the file, less by its masked border.
     field : (h, w) where the projector's picture lies, where that is known: it must be lit.
@@ -158,7 +156,7 @@ def measure_light(
     Raises CalibrationError: no light, a shutter that did not open, saturated, too dim, room lights,
     light that changed, a mask or a projector that does not block.
     """
-    series = make_light_series(photos, plan, edges or PulseEdges(), black_sigma, field)
+    series = make_light_series(photos, plan, edges, black_sigma, field)
     mask = _mask(series)
     room = _room(series, mask.value)
     projector = _projector(series, mask.value)

@@ -22,7 +22,7 @@ from pdcd.arrays import Floats
 from pdcd.calibration.figures import MeasuredFigure, Verdict
 from pdcd.calibration.light.light_plan import DARK_LEVEL, DARK_TIMES, LIGHT_LEVEL
 from pdcd.calibration.light.light_series import LightSeries
-from pdcd.calibration.photo import BlockMeans, QuadPhoto, average_photo_blocks
+from pdcd.calibration.photo import BlockMeans
 
 _PANELS = ("projector", "mask")
 _BLACK, _WHITE = 1e-4, 0.98
@@ -83,7 +83,7 @@ def explain_level_figure(name: str) -> str:
 
 
 def measure_end_levels(
-    series: LightSeries, photos: Mapping[str, QuadPhoto | BlockMeans], eps: float
+    series: LightSeries, photos: Mapping[str, BlockMeans], eps: float
 ) -> tuple[EndLevels, ...]:
     """Light of levels next to black and white of both panels, for `measure_light`.
 
@@ -120,8 +120,7 @@ def measure_end_levels(
     )
 
 
-def _mean(series: LightSeries, photo: QuadPhoto | BlockMeans) -> tuple[Floats, Floats]:
+def _mean(series: LightSeries, blocks: BlockMeans) -> tuple[Floats, Floats]:
     """Mean light of the lit blocks, (C,), and its standard deviation by noise."""
-    blocks = average_photo_blocks(photo) if isinstance(photo, QuadPhoto) else photo
     mean, variance = (values[series.lit].mean(axis=0) for values in (blocks.mean, blocks.variance))
     return np.asarray(mean), np.sqrt(variance / series.lit.sum())

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pdcd.calibration.shown import PanelSequence
+from pdcd.calibration.shown import NO_PATTERNS, PanelSequence
 from pdcd.panels.frames import BLACK, WHITE
 
 COVERED = ("C", "C-again")
@@ -52,8 +52,8 @@ class LightPlan:
     def _shown(self, name: str, projector: int, mask: int, times: int) -> PanelSequence:
         light = np.full(self.refreshes * times + 2 * self.lead, BLACK, np.int32)
         light[self.lead : -self.lead] = projector
-        none = np.zeros((0, 0, 0), np.bool_)
-        return PanelSequence(name, none, none, light, np.full(light.size, mask, np.int32))
+        opened = np.full(light.size, mask, np.int32)
+        return PanelSequence(name, NO_PATTERNS, NO_PATTERNS, light, opened)
 
     def levels(self, sizes: tuple[tuple[int, int], tuple[int, int]]) -> tuple[PanelSequence, ...]:
         """Each panel uniform at a level next to black, and next to white, with the other one white:
@@ -95,6 +95,6 @@ class PulseEdges:
     The series of `pdcd.calibration.sensor.body` measures the projector's; a few ms are usual.
     """
 
-    projector_s: float = 0.0
-    mask_s: float = 0.0
-    sigma_s: float = 0.004
+    projector_s: float
+    mask_s: float
+    sigma_s: float

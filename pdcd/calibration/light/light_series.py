@@ -15,9 +15,7 @@ from pdcd.calibration.light.light_plan import COVERED, LightPlan, PulseEdges
 from pdcd.calibration.photo import (
     NO_LIGHT_SIGMAS,
     BlockMeans,
-    QuadPhoto,
     average_blocks,
-    average_photo_blocks,
     check_brightness,
     check_clipping,
     find_inliers,
@@ -266,22 +264,20 @@ class LightSeries:
 
 
 def make_light_series(
-    photos: Mapping[str, QuadPhoto | BlockMeans],
+    photos: Mapping[str, BlockMeans],
     plan: LightPlan,
     edges: PulseEdges,
     black_sigma: float,
     field: _Marks | None,
 ) -> LightSeries:
-    """Photos by blocks, checked. Raises CalibrationError: see `light.contrasts`."""
+    """The series of these photos, checked. Raises CalibrationError: see `light.contrasts`."""
     blocks: dict[str, BlockMeans] = {}
     for name in (shown.name for shown in plan.photos()):
         if name in COVERED and name not in photos:
             continue
-        photo = photos[name]
-        blocks[name] = found = (
-            average_photo_blocks(photo) if isinstance(photo, QuadPhoto) else photo
-        )
-        check_clipping(name, found, _HINTS[name.removesuffix("-again")])
+        blocks[name] = photos[name]
+        share = float(np.mean(photos[name].clipped))
+        check_clipping(name, share, _HINTS[name.removesuffix("-again")])
     times = plan.lit_s(1) / plan.lit_s(plan.longer)
     _refuse_no_light(blocks, black_sigma, times)
     white = _white(plan, edges, blocks).sum(axis=2)

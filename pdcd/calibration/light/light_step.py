@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import make_camera_map
-from pdcd.bench.stops import stop_of
+from pdcd.bench.stops import Stop, stop_of
 from pdcd.bench.tables import Config
 from pdcd.calibration.figures import MeasuredFigure, Verdict, describe_room_light
 from pdcd.calibration.light.contrasts import LightMeasurement, compute_responsivity, measure_light
@@ -19,7 +19,7 @@ from pdcd.calibration.light.end_levels import explain_level_figure
 from pdcd.calibration.light.lamp import measure_lamp
 from pdcd.calibration.light.light_plan import COVERED, LightPlan, PulseEdges
 from pdcd.calibration.light.metering import choose_wide_aperture
-from pdcd.calibration.light.stop_series import ComparedStops, measure_stops
+from pdcd.calibration.light.stop_series import list_stop_figures, measure_stops
 from pdcd.calibration.photo import (
     BLOCK_QUADS,
     BlockMeans,
@@ -52,7 +52,7 @@ _LIT = 60
 """White refreshes of a photo with the mask open: a second."""
 _LONG = 600
 """Refreshes of the photos of closed panels, or twice those of open ones."""
-LAMP_PHOTOS = 3
+_LAMP_PHOTOS = 3
 """Additional photos of white, for the lamp's drift."""
 _UNKNOWN_CARD = 0.9, 0.05
 """Albedo of a white card where the configuration gives none, and its standard deviation: from paper
@@ -90,8 +90,8 @@ those of usual white light."""
 class _Taking:
     """The photos of this step, as they come.
 
-    blocks : those of the series, by blocks. white : for all photos of plain white, the time at
-        which each began, its mean light and the relative noise of that.
+    blocks : all of them, by blocks. white : for all photos of plain white, the time at which each
+        began, its mean light and the relative noise of that.
     """
 
     session: CalibrationSession
@@ -108,8 +108,8 @@ class _Taking:
         taken = yield from take_photo(PhotoRequest(shown, f_number=self.f_number, covered=covered))
         self.seen[shown.name], self.open_s[shown.name] = taken.seen, taken.open_s
         photo = self.session.photo(taken)
+        self.blocks[shown.name] = blocks = average_photo_blocks(photo)
         if shown.name.startswith(("WW", "lamp")):
-            blocks = average_photo_blocks(photo)
             level = float(blocks.mean.mean())
             noise = float(np.sqrt(blocks.variance.sum())) / blocks.mean.size / max(level, 1e-9)
             self.white.append((taken.open_ns * 1e-9, level, noise))
@@ -126,13 +126,11 @@ def calibrate_light(session: CalibrationSession) -> StepScript:
     series = [shown for shown in plan.photos() if shown.name not in COVERED]
     for shown in series:
         white = yield from taking.photo(shown)
-        taking.blocks[shown.name] = average_photo_blocks(white)
-        for number in range(LAMP_PHOTOS if shown.name == "WW" else 0):
+        for number in range(_LAMP_PHOTOS if shown.name == "WW" else 0):
             yield from taking.photo(replace(shown, name=f"lamp-{number + 1}"))
     if session.config.display.planes_per_refresh == 1:  # others show black and white only
         for shown in plan.levels(session.sizes):
-            grey = yield from taking.photo(shown)
-            taking.blocks[shown.name] = average_photo_blocks(grey)
+            yield from taking.photo(shown)
     if session.helped:
         yield from _covered(plan, taking)
     found = measure_light(
@@ -144,14 +142,14 @@ def calibrate_light(session: CalibrationSession) -> StepScript:
     )
     lit = _field_lit(session, white)
     check_camera_settings(taking.seen, iso=session.iso, f_number=f_number, open_s=taking.open_s)
-    stops = ComparedStops()
+    stops: tuple[Stop, ...] = ()
     if f_number is not None:
         stops = yield from measure_stops(session, f_number, full, _black_sigma(session))
     times, levels, noise = np.array(taking.white).T
     figures = (
         *found.figures(find_card_albedo(session.config)[0]),
         *measure_lamp(times - times[0], levels, float(noise.max())).figures(),
-        *stops.figures(),
+        *list_stop_figures(stops),
         *lit,
         *_colour(session, found),
     )
@@ -172,8 +170,7 @@ def _covered(
     yield UserPrompt(COVER)
     for shown in plan.photos():
         if shown.name in COVERED:
-            photo = yield from taking.photo(shown, covered=True)
-            taking.blocks[shown.name] = average_photo_blocks(photo)
+            yield from taking.photo(shown, covered=True)
     yield UserPrompt(UNCOVER)
 
 
@@ -181,7 +178,7 @@ def _outcome(
     session: CalibrationSession,
     found: LightMeasurement,
     white: QuadPhoto,
-    stops: ComparedStops,
+    stops: tuple[Stop, ...],
     figures: tuple[MeasuredFigure, ...],
     f_number: float | None,
 ) -> StepOutcome:
@@ -208,11 +205,11 @@ def _outcome(
         value, sigma = compute_responsivity(
             found,
             gain_e_per_dn=_gain(session),
-            f_number=stop_of(number, stops.found).true,
+            f_number=stop_of(number, stops).true,
             albedo=albedo,
             albedo_sigma=albedo_sigma,
         )
-        words["camera.stops"] = ConfigValue(msgspec.to_builtins(stops.found))
+        words["camera.stops"] = ConfigValue(msgspec.to_builtins(stops))
         name, both = "camera.responsivity_e", (tuple(value.tolist()), tuple(sigma.tolist()))
         words[name] = ConfigValue(*both)
         main, unsure = (pick_main(one) for one in both)

@@ -24,7 +24,7 @@ from pdcd.calibration.script import (
     UserPrompt,
     take_photo,
 )
-from pdcd.calibration.shown import PanelSequence
+from pdcd.calibration.shown import NO_PATTERNS, PanelSequence
 from pdcd.panels.frames import BLACK, WHITE
 
 _PULSE, _PAUSE = 4, 6
@@ -83,36 +83,33 @@ def _shown_of(photo: _StopPhoto) -> PanelSequence:
         mask[begin:][:_PULSE] = WHITE
         first, count = (_FLASH, 1) if photo.short else (0, _PULSE)
         projector[begin + first :][:count] = WHITE
-    nothing = np.zeros((0, 0, 0), np.bool_)
-    return PanelSequence(photo.name, nothing, nothing, projector, mask)
+    return PanelSequence(photo.name, NO_PATTERNS, NO_PATTERNS, projector, mask)
 
 
-@dataclass(frozen=True)
-class ComparedStops:
-    """Stops that were compared. The first, with sigma 0, is the one they were compared with."""
-
-    found: tuple[Stop, ...] = ()
-
-    def figures(self) -> tuple[MeasuredFigure, ...]:
-        """The figures of these stops."""
-        if not self.found:
-            return ()
-        away = [abs(2.0 * (s.true / stop_of(s.f_number).true - 1.0)) for s in self.found]
-        return (
-            MeasuredFigure("light.stops", float(len(self.found)), 0.0, ""),
-            MeasuredFigure("light.stops_worst", max(away), 0.0, "", "of light, beside 2^(k/6)"),
-        )
+def list_stop_figures(stops: tuple[Stop, ...]) -> tuple[MeasuredFigure, ...]:
+    """The figures of stops that were compared."""
+    if not stops:
+        return ()
+    away = [abs(2.0 * (stop.true / stop_of(stop.f_number).true - 1.0)) for stop in stops]
+    return (
+        MeasuredFigure("light.stops", float(len(stops)), 0.0, ""),
+        MeasuredFigure("light.stops_worst", max(away), 0.0, "", "of light, beside 2^(k/6)"),
+    )
 
 
 def measure_stops(
     session: CalibrationSession, own: float, full: int, black_sigma: float
-) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, ComparedStops]:
-    """Take the photos and compare the stops; nothing where the lens is not set from here, or is to
-    stay as it is. own : stop at which `full` refreshes of white reach `FULL_SHARE` of saturation.
-    black_sigma : standard deviation of a photo's black level, in DN."""
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, tuple[Stop, ...]]:
+    """Take the photos and compare the stops: the first, with sigma 0, is the one that the others
+    were compared with. Nothing where the lens is to stay as it is, or no other stop could be
+    compared.
+
+    own : stop at which `full` refreshes of white reach `FULL_SHARE` of saturation. black_sigma :
+        standard deviation of a photo's black level, in DN.
+    """
     f_numbers = session.camera.f_numbers
     if session.config.camera.f_number != "auto":
-        return ComparedStops()
+        return ()
     nominal = stop_of(own)
     found: tuple[Stop, ...] = (Stop(nominal.f_number, nominal.true, 0.0),)
     for short in (False, True):
@@ -127,7 +124,7 @@ def measure_stops(
             came = yield from take_photo(PhotoRequest(shown, f_number=photo.f_number))
             taken[photo.name] = _light(session.photo(came), photo.pulses, black_sigma)
         found = (*found, *_stops_of(photos, taken, beside))
-    return ComparedStops(found if len(found) > 1 else ())
+    return found if len(found) > 1 else ()
 
 
 def _stops_of(

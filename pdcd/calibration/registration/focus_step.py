@@ -8,6 +8,7 @@ from collections.abc import Generator
 import numpy as np
 
 from pdcd.calibration.figures import MeasuredFigure, Verdict
+from pdcd.calibration.geometry.panel_map import quads_across_px
 from pdcd.calibration.registration.focus import StripeDepth, measure_stripe_depth
 from pdcd.calibration.script import (
     CalibrationPhoto,
@@ -18,9 +19,8 @@ from pdcd.calibration.script import (
     UserPrompt,
     take_photo,
 )
-from pdcd.calibration.shown import make_still_sequence
-from pdcd.panels.frames import WHITE
-from pdcd.panels.map import Map, map_between
+from pdcd.calibration.shown import PanelName, make_sole_sequence
+from pdcd.panels.map import Map
 
 _PHOTOS = 15
 """Photos of each panel, at most."""
@@ -35,7 +35,7 @@ _NEAR_BEST, _SHARP = 0.9, 0.6
 enough."""
 _TILTED = 0.3
 """Change of the depth's logarithm over the field from which something is tilted."""
-_RINGS = {
+_RINGS: dict[PanelName, str] = {
     "mask": "the camera on the mask (the relay)",
     "projector": "the projector on the card",
 }
@@ -47,7 +47,7 @@ def watch_focus(session: CalibrationSession) -> StepScript:
 
     Raises CalibrationError where no stripes are seen at all.
     """
-    depths: dict[str, list[StripeDepth]] = {}
+    depths: dict[PanelName, list[StripeDepth]] = {}
     for panel in _RINGS:
         depths[panel] = yield from _rounds(session, panel)
     figures, advice = [], []
@@ -74,7 +74,7 @@ def watch_focus(session: CalibrationSession) -> StepScript:
 
 
 def _rounds(
-    session: CalibrationSession, panel: str
+    session: CalibrationSession, panel: PanelName
 ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, list[StripeDepth]]:
     """Depths of one panel's upright stripes, until the ring is left alone."""
     width, height = getattr(session.config, panel).size_px
@@ -83,10 +83,8 @@ def _rounds(
     bits = np.broadcast_to(np.arange(width) % (2 * half) < half, (height, width)).copy()
     seen: list[StripeDepth] = []
     for number in range(1, _PHOTOS + 1):
-        sides = (bits, WHITE) if panel == "projector" else (WHITE, bits)
-        taken = yield from take_photo(
-            PhotoRequest(make_still_sequence(f"{panel}-{number}", session.full, *sides))
-        )
+        shown = make_sole_sequence(f"{panel}-{number}", session.full, panel, bits)
+        taken = yield from take_photo(PhotoRequest(shown))
         found = measure_stripe_depth(session.photo(taken), 2 * half * quads_a_px)
         seen.append(found)
         recent = [each.number for each in seen[-_STILL:]]
@@ -107,8 +105,6 @@ def _quads_a_px(session: CalibrationSession, panel: str) -> float:
     frame."""
     camera, map_ = session.config.camera.place.map, getattr(session.config, panel).place.map
     if isinstance(camera, Map) and isinstance(map_, Map):
-        middle = 0.5 * np.array(map_.size_px, dtype=np.float64)
-        ends = [map_between(map_, camera, middle + np.array([step, 0.0])) for step in (-0.5, 0.5)]
-        return float(np.hypot(*(ends[1] - ends[0])))
+        return quads_across_px(map_, camera)
     frame = session.camera.frame_quads
     return frame[0] / getattr(session.config, panel).size_px[0] if frame is not None else 2.0

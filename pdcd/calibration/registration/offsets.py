@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from pdcd.arrays import Floats
@@ -173,11 +174,6 @@ def measure_mask_offsets(
     Raises CalibrationError where stripes may have been matched wrongly: for offsets of 0.4 periods
     and more, or of more than 1 px after the correction by a longer period.
     """
-    series = (right, down)
-    if [each.stripes.axis for each in series] != [0, 1]:
-        raise ValueError("the offset needs upright stripes, then lying ones")
-    if right.stripes.period_px != down.stripes.period_px:
-        raise ValueError("the offset needs stripes of one period")
     period = right.stripes.period_px
     # Both series use the same white photo, but a period may have more quads along one axis.
     other = find_nearest(right.quads, down.quads)
@@ -219,5 +215,5 @@ def _carrier(
     down, right = np.meshgrid(
         (np.arange(rows) - y[0]) / every, (np.arange(cols) - x[0]) / every, indexing="ij"
     )
-    place = series_faults.interpolate_lattice(coarse, down, right)
+    place = ndimage.map_coordinates(coarse, [down, right], order=1, mode="nearest")
     return np.asarray(np.exp(2j * np.pi * place / stripes.period_px))

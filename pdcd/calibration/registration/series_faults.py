@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from pdcd.arrays import Bools, Floats
@@ -199,8 +198,3 @@ def check_same_stripe(beside_px: Floats, period_px: int) -> None:
             device="mask",
             hint="calibrate the geometry first",
         )
-
-
-def interpolate_lattice(coarse: Floats, down: Floats, right: Floats) -> Floats:
-    """Values of a lattice between its points, at fractional indices down and right."""
-    return np.asarray(ndimage.map_coordinates(coarse, [down, right], order=1, mode="nearest"))

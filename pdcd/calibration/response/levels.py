@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,7 +43,7 @@ NO_STRIP = -1
 _MARGIN = 0.25
 """Share of a strip's width that is left out on either side, because blur mixes it with the next
 strip."""
-_DITHER_CYCLE = 16
+DITHER_CYCLE = 16
 """Refreshes after which every usual dithering repeats."""
 _APART = 8.0
 """Quads between places at which the maps are evaluated."""
@@ -66,21 +65,6 @@ _GAMMAS = (0.1, 8.0)
 _CLOSE = {"xatol": 1e-7}
 
 
-@dataclass(frozen=True, eq=False)
-class LevelPhoto:
-    """One photo of grey levels.
-
-    name : of the photo. panel : the one that shows `levels`; the other one is white.
-    levels : (height, width) uint8, of the panel's own pixels.
-    refreshes : for which the picture is held.
-    """
-
-    name: str
-    panel: Literal["projector", "mask"]
-    levels: NDArray[np.uint8]
-    refreshes: int
-
-
 def make_strip_orders() -> NDArray[np.int64]:
     """(2, 17): which level each strip shows, from left to right.
 
@@ -92,29 +76,22 @@ def make_strip_orders() -> NDArray[np.int64]:
     return np.stack([7 * strips % len(STRIP_LEVELS), (5 * strips + 9) % len(STRIP_LEVELS)])
 
 
-def plan_level_photos(
-    panel: Literal["projector", "mask"],
-    size_px: tuple[int, int],
-    refreshes: int,
-    cycle: int = _DITHER_CYCLE,
-) -> tuple[LevelPhoto, ...]:
-    """White, black, and two photos of strips.
+def draw_level_pictures(size_px: tuple[int, int]) -> dict[str, NDArray[np.uint8]]:
+    """White, black, and two pictures of strips, by the names of their photos: (height, width) of a
+    panel's own pixels.
 
-    size_px : (width, height) of the panel. refreshes : at least so many, rounded up to whole cycles
-        of the panel's dithering.
+    size_px : (width, height) of the panel.
     """
-    held = -(-refreshes // cycle) * cycle
     width, height = size_px
     strip = find_level_strip(np.arange(width) + 0.5, width)
     levels = np.array(STRIP_LEVELS, np.uint8)
-    photos = [
-        LevelPhoto(name, panel, np.full((height, width), level, np.uint8), held)
+    pictures = {
+        name: np.full((height, width), level, np.uint8)
         for name, level in (("white", 255), ("black", 0))
-    ]
+    }
     for name, order in zip(_NAMES, make_strip_orders(), strict=True):
-        row = levels[order][strip]
-        photos.append(LevelPhoto(name, panel, np.tile(row, (height, 1)), held))
-    return tuple(photos)
+        pictures[name] = np.tile(levels[order][strip], (height, 1))
+    return pictures
 
 
 def find_level_strip(x: ArrayLike, width: int) -> _Strips:
@@ -205,7 +182,7 @@ def measure_grey_response(
 
     Parameters
     ----------
-    photos : "white", "black", "steps-a" and "steps-b" of `plan_level_photos`, of one exposure.
+    photos : "white", "black", "steps-a" and "steps-b" of `draw_level_pictures`, of one exposure.
     strips : (h, w) of `find_seen_strips`.
     panel : its name in the configuration.
 
@@ -214,7 +191,8 @@ def measure_grey_response(
     changed.
     """
     for name in ("white", *_NAMES):
-        check_clipping(name, photos[name], "close the aperture, or show fewer refreshes")
+        share = photos[name].saturated_share()
+        check_clipping(name, share, "close the aperture, or show fewer refreshes")
     by_strip, noise_of_strip = _ratios(photos, strips)
     check_brightness({name: float(r.max()) for name, r in zip(_NAMES, by_strip, strict=True)}, 0.05)
     # By level: (orders, levels, channels).

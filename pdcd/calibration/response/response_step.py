@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,11 @@ from pdcd.calibration.light.metering import choose_wide_aperture
 from pdcd.calibration.photo import QuadPhoto, RawSettings, check_camera_settings
 from pdcd.calibration.preview import PLOT_BLUE, PLOT_RED, label_plot
 from pdcd.calibration.response.levels import (
+    DITHER_CYCLE,
     GreyResponse,
-    LevelPhoto,
+    draw_level_pictures,
     find_seen_strips,
     measure_grey_response,
-    plan_level_photos,
 )
 from pdcd.calibration.script import (
     CalibrationSession,
@@ -26,12 +26,11 @@ from pdcd.calibration.script import (
     StepScript,
     take_photo,
 )
-from pdcd.calibration.shown import PanelSequence, make_still_sequence
-from pdcd.panels.frames import WHITE
+from pdcd.calibration.shown import PanelName, make_sole_sequence
 
 HELD = 128
 """Refreshes for which a picture is held, at least: changes from grey to grey are slow."""
-_PANELS: tuple[Literal["projector", "mask"], ...] = ("projector", "mask")
+_PANELS: tuple[PanelName, ...] = ("projector", "mask")
 _LAW = 0.004
 """Largest misfit with which a power law is used: about half a step of 8 bits near white, at gamma
 2.2."""
@@ -42,13 +41,15 @@ _BENT, _COLOURED = 0.01, 0.1
 def calibrate_response(session: CalibrationSession) -> StepScript:
     """White, black, and strips of 17 levels in two orders, of each panel: eight photos."""
     f_number, full = choose_wide_aperture(session, HELD)
+    held = -(-full // DITHER_CYCLE) * DITHER_CYCLE
     seen: dict[str, RawSettings] = {}
     found = []
     for panel, size in zip(_PANELS, session.sizes, strict=True):
         photos: dict[str, QuadPhoto] = {}
-        for steps in plan_level_photos(panel, size, full):
-            taken = yield from take_photo(PhotoRequest(_shown_of(steps), f_number=f_number))
-            photos[steps.name] = session.photo(taken)
+        for name, picture in draw_level_pictures(size).items():
+            shown = make_sole_sequence(f"{panel}-{name}", held, panel, picture)
+            taken = yield from take_photo(PhotoRequest(shown, f_number=f_number))
+            photos[name] = session.photo(taken)
             seen[taken.name] = taken.seen
         check_camera_settings(seen, iso=session.iso, f_number=f_number)
         camera = make_camera_map(session.config, photos["white"].frame)
@@ -69,14 +70,6 @@ def calibrate_response(session: CalibrationSession) -> StepScript:
         advice=tuple(text for one in found for text in _advice(one)),
         picture=lambda figure: _draw(figure, found),
     )
-
-
-def _shown_of(steps: LevelPhoto) -> PanelSequence:
-    """The photo of one picture of levels; the other panel is white."""
-    name = f"{steps.panel}-{steps.name}"
-    if steps.panel == "projector":
-        return make_still_sequence(name, steps.refreshes, steps.levels, WHITE)
-    return make_still_sequence(name, steps.refreshes, WHITE, steps.levels)
 
 
 def _words(found: GreyResponse) -> dict[str, ConfigValue]:

@@ -23,13 +23,14 @@ from pdcd.calibration.figures import MeasuredFigure, Verdict
 from pdcd.calibration.photo import BLACK_MOVES_DN, average_blocks, check_brightness
 from pdcd.calibration.sensor.dose import DoseLine, fit_dose_line
 from pdcd.calibration.sensor.transfer import (
-    PARTS,
     VARIANCE_BLOCK_SIDE,
     PhotonTransfer,
+    average_block_parts,
     compare_plane_pair,
     fit_photon_transfer,
+    split_blocks,
 )
-from pdcd.calibration.shown import PanelSequence
+from pdcd.calibration.shown import NO_PATTERNS, PanelSequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 from pdcd.sensor.profile import IsoRow, SensorProfile
@@ -107,7 +108,7 @@ class SensorPlan:
     def photos(self) -> tuple[PanelSequence, ...]:
         """The series, in the order in which to take it."""
         closed, opened = (np.full(self.refreshes, index, np.int32) for index in (BLACK, WHITE))
-        none = np.zeros((0, 0, 0), np.bool_)
+        none = NO_PATTERNS
         shown = [PanelSequence(f"dark-{which}", none, none, closed, closed) for which in "ab"]
         shown.append(PanelSequence("base", none, none, closed, opened))
         for name, count in self.doses.items():
@@ -289,12 +290,7 @@ def _brightest(light: Floats, even: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _evenly_lit(light: _Planes) -> NDArray[np.bool_]:
     """Evenly lit blocks: in others, as at the edge of the light, the brighter part saturates first.
     All blocks where there is hardly any light."""
-    rows, cols = (length // VARIANCE_BLOCK_SIDE for length in light.shape)
-    fine = average_blocks(
-        light[: rows * VARIANCE_BLOCK_SIDE, : cols * VARIANCE_BLOCK_SIDE].astype(np.float64),
-        VARIANCE_BLOCK_SIDE // PARTS,
-    )
-    parts = fine.reshape(rows, PARTS, cols, PARTS)
+    parts = average_block_parts(light.astype(np.float64))
     least, most = parts.min(axis=(1, 3)), parts.max(axis=(1, 3))
     lit = least > _LIT * float(np.quantile(most, _BRIGHT))
     if not lit.any():
@@ -314,11 +310,7 @@ def _spreads(planes: _Planes) -> Floats:
     """Standard deviation within blocks, hot samples left out, (P, rows, cols) float64."""
     found = []
     for plane in planes.astype(np.float64):
-        rows, cols = plane.shape[0] // VARIANCE_BLOCK_SIDE, plane.shape[1] // VARIANCE_BLOCK_SIDE
-        blocks = plane[: rows * VARIANCE_BLOCK_SIDE, : cols * VARIANCE_BLOCK_SIDE].reshape(
-            rows, VARIANCE_BLOCK_SIDE, cols, VARIANCE_BLOCK_SIDE
-        )
-        low, high = np.quantile(blocks, (0.16, 0.84), axis=(1, 3))
+        low, high = np.quantile(split_blocks(plane), (0.16, 0.84), axis=(1, 3))
         found.append(0.5 * (high - low))
     return np.stack(found)
 

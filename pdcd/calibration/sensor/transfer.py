@@ -31,7 +31,7 @@ from pdcd.errors import CalibrationError
 VARIANCE_BLOCK_SIDE = 32
 """Samples along a block: 1024 of them give a variance to 4.4 %, and vignetting hardly matters."""
 _LEAST_BLOCKS = 12
-PARTS, _UNEVEN = 4, 0.5
+_PARTS, _UNEVEN = 4, 0.5
 """Parts of a block's side, and the largest difference of their light over its mean that is
 accepted."""
 _UNLIT = 0.02
@@ -90,7 +90,7 @@ def compare_plane_pair(first: Floats, second: Floats, dark: Floats | None = None
         base = average_blocks(np.asarray(dark, np.float64), VARIANCE_BLOCK_SIDE)
         light = [np.maximum(mean - base, 1e-3) for mean in means]
         ratio = np.clip(light[0] / light[1], 0.2, 5.0)
-    d = _blocks(a) - ratio[:, None, :, None] * _blocks(b)
+    d = split_blocks(a) - ratio[:, None, :, None] * split_blocks(b)
     d -= np.median(d, axis=(1, 3), keepdims=True)
     # Hot pixels and cosmic rays are left out.
     spread = 1.4826 * np.median(np.abs(d), axis=(1, 3), keepdims=True)
@@ -124,12 +124,19 @@ def _centred(d: Floats, kept: NDArray[np.bool_], axis: tuple[int, int]) -> Float
     return np.where(kept, d - mean, 0.0)
 
 
-def _blocks(plane: Floats) -> Floats:
+def split_blocks(plane: Floats) -> Floats:
     """A plane as whole blocks, (rows, SIDE, cols, SIDE)."""
     rows, cols = (length // VARIANCE_BLOCK_SIDE for length in plane.shape)
     return plane[: rows * VARIANCE_BLOCK_SIDE, : cols * VARIANCE_BLOCK_SIDE].reshape(
         rows, VARIANCE_BLOCK_SIDE, cols, VARIANCE_BLOCK_SIDE
     )
+
+
+def average_block_parts(plane: Floats) -> Floats:
+    """Means of the parts of a plane's whole blocks, (rows, PARTS, cols, PARTS)."""
+    rows, cols = (length // VARIANCE_BLOCK_SIDE for length in plane.shape)
+    whole = plane[: rows * VARIANCE_BLOCK_SIDE, : cols * VARIANCE_BLOCK_SIDE]
+    return average_blocks(whole, VARIANCE_BLOCK_SIDE // _PARTS).reshape(rows, _PARTS, cols, _PARTS)
 
 
 def _even(light: Floats, noise: Floats) -> NDArray[np.bool_]:
@@ -138,13 +145,10 @@ def _even(light: Floats, noise: Floats) -> NDArray[np.bool_]:
 
     light : samples. noise : standard deviation of a sample, by blocks.
     """
-    part = VARIANCE_BLOCK_SIDE // PARTS
-    rows, cols = noise.shape
-    parts = average_blocks(
-        light[: rows * VARIANCE_BLOCK_SIDE, : cols * VARIANCE_BLOCK_SIDE], part
-    ).reshape(rows, PARTS, cols, PARTS)
+    parts = average_block_parts(light)
     apart = parts.max(axis=(1, 3)) - parts.min(axis=(1, 3))
-    return np.asarray(apart <= _UNEVEN * parts.mean(axis=(1, 3)) + _CLIP_SIGMAS * noise / part)
+    noise = noise / (VARIANCE_BLOCK_SIDE // _PARTS)
+    return np.asarray(apart <= _UNEVEN * parts.mean(axis=(1, 3)) + _CLIP_SIGMAS * noise)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
 from pdcd.calibration.photo import QuadPhoto
-from pdcd.calibration.shown import Bits, PanelSequence
+from pdcd.calibration.shown import NO_PATTERNS, Bits, PanelSequence
 from pdcd.calibration.timing.strips import CLIPPED, FEWEST_QUADS
 from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
@@ -53,8 +53,8 @@ def make_bar_sequence(
     throughout."""
     patterns = _bar(projector, cells, window)
     index = (np.arange(refreshes) % cells).astype(np.int32)
-    none: Bits = np.zeros((0, 0, 0), dtype=np.bool_)
-    return PanelSequence(name, patterns, none, index, np.full(refreshes, WHITE, dtype=np.int32))
+    opened = np.full(refreshes, WHITE, dtype=np.int32)
+    return PanelSequence(name, patterns, NO_PATTERNS, index, opened)
 
 
 def read_bar(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, center_of_mass, label
 
-from pdcd.calibration.geometry.dots import DotGrid, PanelName
+from pdcd.calibration.geometry.dots import DotGrid
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 
@@ -43,18 +43,6 @@ def test_photos_of_one_panel_let_all_light_pass_the_other() -> None:
     np.testing.assert_array_equal(white.mask[0], MASK.white())
     np.testing.assert_array_equal(dots.mask[0], MASK.dots())
     assert PROJECTOR.shown(2)[0].mask_index.tolist() == [WHITE] * 2
-
-
-@pytest.mark.parametrize(
-    ("size_px", "pitch_px", "radius_px"),
-    [((256, 192), 8, 4.0), ((256, 192), 16, 1.0), ((60, 192), 32, 4.0)],
-)
-def test_dots_that_cannot_be_told_apart_are_refused(
-    size_px: tuple[int, int], pitch_px: int, radius_px: float
-) -> None:
-    panel: PanelName = "projector"
-    with pytest.raises(ValueError, match="dots"):
-        DotGrid(panel, size_px, pitch_px, radius_px)
 
 
 @pytest.mark.parametrize("size_px", [(96, 72), (127, 96), (1280, 100), (128, 31), (20, 20)])

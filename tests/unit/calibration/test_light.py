@@ -13,11 +13,9 @@ from pdcd.bench.tables import PanelConfig
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.light.contrasts import LightMeasurement, compute_responsivity, measure_light
 from pdcd.calibration.light.light_plan import COVERED, LightPlan, PulseEdges
-from pdcd.calibration.photo import QuadPhoto
-from pdcd.calibration.shown import PanelSequence
+from pdcd.calibration.photo import QuadPhoto, average_photo_blocks
+from pdcd.calibration.shown import PanelSequence, pack_frames
 from pdcd.errors import CalibrationError
-from pdcd.panels.frames import Frames
-from pdcd.panels.patterns import make_empty_patterns
 from pdcd.probing.realised import collect_factors, compute_bench_factors
 from tests.frame_logs import make_log
 from tests.unit.calibration.light_bench import LightBench, TruePanel
@@ -66,8 +64,14 @@ def series(
     return photos
 
 
-def measured(photos: Mapping[str, QuadPhoto], black_sigma: float = 0.1) -> LightMeasurement:
-    return measure_light(photos, PLAN, edges=EDGES, black_sigma=black_sigma)
+def measured(
+    photos: Mapping[str, QuadPhoto],
+    black_sigma: float = 0.1,
+    edges: PulseEdges = EDGES,
+    field: NDArray[np.bool_] | None = None,
+) -> LightMeasurement:
+    blocks = {name: average_photo_blocks(photo) for name, photo in photos.items()}
+    return measure_light(blocks, PLAN, edges=edges, black_sigma=black_sigma, field=field)
 
 
 def test_finds_contrasts_and_room() -> None:
@@ -134,10 +138,8 @@ def test_a_black_that_cannot_be_seen_is_only_bounded() -> None:
     [
         ({"scale": 0.0}, "lens cap"),
         ({"shut": ("WW-again",)}, "WW-again is dark.*shutter did not open"),
-        ({"shut": ("WB",)}, "photo WB is dark.*shutter did not open"),
         ({"shut": ("C-again",), "room": 0.02}, "photo C-again is dark"),
         ({"scale": 3.0}, "WW is saturated"),
-        ({"room": 0.4}, "BW is saturated.*room lights"),
         ({"room": 0.4, "scale": 0.2}, "room lights are on"),
         ({"rooms": {"BW-again": 1.1, "C": 1.1}}, "room changed"),
         ({"rooms": {"C": 1.4, "C-again": 1.4}}, "projector covered there is more light"),
@@ -167,29 +169,17 @@ def test_half_of_the_field_is_covered() -> None:
     card[:, 40:] = 0.0
     photos = series(8, card=card)
     with pytest.raises(CalibrationError, match="of the field gets no light"):
-        measure_light(photos, PLAN, edges=EDGES, field=np.ones((64, 80), np.bool_))
+        measured(photos, 0.3, field=np.ones((64, 80), np.bool_))
     with pytest.raises(CalibrationError, match="% of the photo only"):
         card[16:] = 0.0
         card[:, 16:] = 0.0
-        measure_light(series(8, card=card), PLAN, edges=EDGES)
+        measured(series(8, card=card), 0.3)
 
 
 def photo_by_realised(shown: PanelSequence, projector: PanelConfig, mask: PanelConfig) -> Floats:
     """Seconds of light and of an open mask, by the matrix that decoding believes in."""
-    count = shown.refreshes
-    frames = Frames(
-        make_empty_patterns(),
-        make_empty_patterns(),
-        shown.projector_index,
-        shown.mask_index,
-        np.zeros(count, np.uint8),
-        np.full(count, -1, np.int32),
-        np.zeros(count, np.bool_),
-        (1, 1),
-        (1, 1),
-        "whole",
-    )
-    log = make_log(count, start_ns=100_000_000)
+    frames = pack_frames(shown)
+    log = make_log(len(frames), start_ns=100_000_000)
     close = int(log.end_ns[0]) + 100_000_000
     found = collect_factors(
         compute_bench_factors(frames, log, projector, mask, open_ns=0, close_ns=close)
@@ -207,12 +197,10 @@ def test_words_mean_what_the_configuration_means() -> None:
     for shown in PLAN.photos():
         lit_s, open_s = photo_by_realised(shown, projector, mask)
         seen = albedo * lit_s * (shown.name not in COVERED) + ambient * open_s
-        if shown.name in COVERED:
-            seen = ambient * open_s
         dn = seen * responsivity / f_number**2 / 2.96
         flat = np.full((32, 32, 3), dn)
         photos[shown.name] = QuadPhoto(flat, np.ones_like(flat), np.zeros((32, 32), np.bool_))
-    light = measure_light(photos, PLAN, edges=PulseEdges(0.003, 0.006, 1e-4), black_sigma=1e-3)
+    light = measured(photos, 1e-3, PulseEdges(0.003, 0.006, 1e-4))
     assert light.projector.contrast[0] == pytest.approx(800.0, rel=1e-3)
     assert light.mask.contrast[0] == pytest.approx(300.0, rel=1e-3)
     found = light.ambient(albedo)

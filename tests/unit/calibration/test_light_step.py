@@ -14,7 +14,7 @@ import pytest
 
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.light.light_plan import COVERED
-from pdcd.calibration.light.light_step import COVER, LAMP_PHOTOS, UNCOVER, calibrate_light
+from pdcd.calibration.light.light_step import COVER, UNCOVER, calibrate_light
 from pdcd.calibration.photo import QuadPhoto, RawSettings
 from pdcd.calibration.script import PhotoRequest
 from pdcd.calibration.sensor.sensor_step import BLACK_SIGMA_KEY, EDGE_KEY, GAIN_KEY
@@ -147,40 +147,21 @@ def test_both_contrasts_are_found_and_the_room_apart_from_black() -> None:
     assert out is not None
     assert out.words["mask.contrast"].value == pytest.approx(500.0, rel=0.02)
     assert out.words["projector.contrast"].value == pytest.approx(2000.0, rel=0.05)
-    for name in ("mask.contrast", "projector.contrast"):
-        sigma = out.words[name].sigma
-        assert isinstance(sigma, float) and 0.0 < sigma < 200.0
     # Of a card that reflects nine tenths, in units of a white card's light.
     ambient, sigma = np.asarray(out.arrays["light.ambient"]).tolist()
     assert ambient == pytest.approx(0.0018, rel=0.01) and 0.0 < sigma < 1e-4
-    leak = np.asarray(out.arrays["light.mask_leak"])
-    assert leak.shape == (9, 12) and float(leak.mean()) == pytest.approx(1 / 500.0, rel=0.02)
-    assert "light.rate_dn" in out.arrays
     assert preview_of(out)[:4] == b"\x89PNG"
 
 
-def test_the_series_is_taken_with_more_of_white_and_with_the_lens_covered() -> None:
+def test_the_lens_is_covered_where_that_is_asked_for_and_one_stop_serves_the_series() -> None:
     _, found = stepped()
     names = [wanted.shown.name for wanted in found.wanted]
-    lamps = [f"lamp-{n + 1}" for n in range(LAMP_PHOTOS)]
-    assert names[:10] == [
-        "WW", *lamps, "BW", "WB", "BB", "WB-again", "BW-again", "WW-again",
-    ]  # fmt: skip
-    assert names[10:14] == ["dark-projector", "dark-mask", "light-projector", "light-mask"]
-    assert names[14:16] == list(COVERED) and names[16].startswith("stop-")
     assert [wanted.covered for wanted in found.wanted] == [n in COVERED for n in names]
     assert [ask.text for ask in found.asked] == [COVER, UNCOVER]
     # The widest lens at which a second of light is not too much.
     of_stops = "stop-", "flash-"
-    f_numbers = {w.f_number for w in found.wanted if not w.shown.name.startswith(of_stops)}
-    assert len(f_numbers) == 1
-    (f_number,) = f_numbers
-    assert f_number is not None
-    full = int(FULL * (f_number / 8.0) ** 2)
-    assert 60 <= full < 80
-    lit = {w.shown.name: int((w.shown.projector_index == WHITE).sum()) for w in found.wanted}
-    longer = min(600 // full, 8)
-    assert (lit["WW"], lit["lamp-1"], lit["WB"], lit["BB"]) == (full, full, longer * full, 0)
+    (f_number,) = {w.f_number for w in found.wanted if not w.shown.name.startswith(of_stops)}
+    assert f_number is not None and 60 <= FULL * (f_number / 8.0) ** 2 < 80
 
 
 def test_without_somebody_to_cover_the_lens_room_and_black_are_one() -> None:
@@ -216,10 +197,7 @@ def test_brightness_is_told_in_electrons_at_an_open_lens(
     green = 0.65 * full_dn / (FULL * T) * 64.0 * e_per_dn / 0.9
     assert value == pytest.approx(tuple(green * COLOURS), rel=0.01)
     figure = out.figures[-1]
-    assert (figure.name, figure.unit, figure.limit) == ("camera.responsivity_e", "e-/s", "of green")
-    assert figure.value == value[1]
-    sigmas = out.words["camera.responsivity_e"].sigma
-    assert isinstance(sigmas, tuple) and sigmas[1] == figure.sigma
+    assert (figure.name, figure.value) == ("camera.responsivity_e", value[1])
     assert figure.sigma / figure.value == pytest.approx(np.hypot(0.05 / 0.9, error), rel=0.02)
 
 
@@ -306,9 +284,8 @@ def test_a_range_that_no_server_tells_of_is_seen_by_two_levels(curves: tuple[str
 
 
 def test_panels_that_show_bits_are_shown_no_grey() -> None:
-    out, wanted = stepped(planes=24)[1].outcome, stepped(planes=24)[1].wanted
-    assert out is not None and not [f for f in out.figures if ".level_" in f.name]
-    assert not [one for one in wanted if one.shown.name.startswith(("dark-", "light-"))]
+    found = stepped(planes=24)[1]
+    assert not [one for one in found.wanted if one.shown.name.startswith(("dark-", "light-"))]
 
 
 NIGHT = (1.0, 0.78**2.2, 0.53**2.2)

@@ -13,10 +13,10 @@ from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.response.levels import (
     GreyResponse,
+    draw_level_pictures,
     find_seen_strips,
     make_strip_orders,
     measure_grey_response,
-    plan_level_photos,
 )
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
@@ -81,18 +81,18 @@ def series(
     rows, cols = where_seen()
     inside = (rows >= 0) & (rows < PANEL[1]) & (cols >= 0) & (cols < PANEL[0])
     photos = {}
-    for steps, level in zip(plan_level_photos("projector", PANEL, 60), lamp, strict=True):
-        shown = steps.levels[:, ::-1] if flip else steps.levels
+    for (name, picture), level in zip(draw_level_pictures(PANEL).items(), lamp, strict=True):
+        shown = picture[:, ::-1] if flip else picture
         grey = shown[np.clip(rows, 0, PANEL[1] - 1), np.clip(cols, 0, PANEL[0] - 1)] / 255.0
         light = level * (leak + (1.0 - leak) * law(grey)) * inside + room
         light[:, :covered] = 0.0
         light = gaussian_filter(light, blur)[..., None] * BENCH.vignetting()
-        if steps.name == "white":
+        if name == "white":
             light = (
                 light * (1.0 + uneven * gaussian_filter(rng.standard_normal(SHAPE), 4))[..., None]
             )
         light = scale * WHITE_E * light * np.array([0.7, 1.0, 0.8])
-        photos[steps.name] = BENCH.photo(light, rng)
+        photos[name] = BENCH.photo(light, rng)
     return photos
 
 
@@ -151,7 +151,6 @@ def test_a_curve_that_is_no_power_has_a_table() -> None:
         ({"covered": 70}, "is dark in the white photo.*covers"),
         ({"flip": True}, "orders of strips disagree.*mirrored"),
         ({"lamp": (1.0, 1.0, 1.0, 0.9)}, "lamp changed"),
-        ({"lamp": (1.0, 1.0, 0.27, 0.2)}, "lamp changed"),
         ({"law": lambda grey: np.ones_like(grey)}, "equally bright"),
         ({"law": lambda grey: 1.0 - grey**2.2}, "inverted"),
         ({"law": lambda grey: (grey > 0.5).astype(float)}, "black and white only"),
