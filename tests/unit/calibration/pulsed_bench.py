@@ -30,30 +30,25 @@ TRAIL_S = 0.15
 
 @dataclass(frozen=True)
 class TruePanel:
-    """rise_s, fall_s : of its light; stages > 1 puts so many of them in a row (an S-shaped rise);
-    share `tail` of the light is `slower` times as slow."""
+    """rise_s, fall_s : of its light; share `tail` of the light is `slower` times as slow."""
 
     rise_s: float = 0.002
     fall_s: float = 0.002
     leak: float = 0.0
-    stages: int = 1
     tail: float = 0.0
     slower: float = 4.0
 
 
 def followed(panel: TruePanel, asked: Floats, slow: float = 1.0) -> Floats:
     """What a panel does when asked for this (steps, n), from black on, (steps, n)."""
-    level = asked
-    for _ in range(panel.stages):
-        out, state = np.empty(asked.shape), np.zeros(asked.shape[1])
-        up = 1.0 - np.exp(-STEP_S * panel.stages / (panel.rise_s * slow))
-        down = 1.0 - np.exp(-STEP_S * panel.stages / (panel.fall_s * slow))
-        for k, wanted in enumerate(level):
-            before = state
-            state = before + np.where(wanted > before, up, down) * (wanted - before)
-            out[k] = 0.5 * (before + state)
-        level = out
-    return level
+    out, state = np.empty(asked.shape), np.zeros(asked.shape[1])
+    up = 1.0 - np.exp(-STEP_S / (panel.rise_s * slow))
+    down = 1.0 - np.exp(-STEP_S / (panel.fall_s * slow))
+    for k, wanted in enumerate(asked):
+        before = state
+        state = before + np.where(wanted > before, up, down) * (wanted - before)
+        out[k] = 0.5 * (before + state)
+    return out
 
 
 def answered(panel: TruePanel, asked: Floats) -> Floats:
@@ -87,7 +82,6 @@ class Bench:
     falls: float = 0.0
     stray: float = 0.0
     blur: float = 0.7
-    lamp: float = 1.0
     covered: float = 1.0
     apart_s: float = 0.0
     slip_s: float = 0.0
@@ -128,7 +122,7 @@ class Bench:
         light = np.where(centres[..., 0] < self.covered, light, 0.02 * light)
         light = gaussian_filter(light, self.blur) if self.blur else light
         patches = 1.0 + self.flat * rng.standard_normal((1, 1 + width // self.patch))
-        light = self.lamp * light * np.repeat(patches, self.patch, axis=1)[:, :width] + self.stray
+        light = light * np.repeat(patches, self.patch, axis=1)[:, :width] + self.stray
         electrons = self.electrons * light[..., None] * np.array([0.8, 1.0, 0.7])
         samples = np.array([1.0, 2.0, 1.0])
         variance = (electrons + 17.0**2) / samples

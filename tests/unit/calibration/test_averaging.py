@@ -32,13 +32,11 @@ def test_stripes_go_out_of_averages(period: float, axis: int) -> None:
 
 
 def test_noise_of_an_average_is_that_of_its_weights() -> None:
-    found = averaging(1, 16.0)
     light = np.zeros((128, 128))
     light[64, 64] = 1.0
     wide = StripeAverager(np.ones((128, 128), np.bool_), np.ones((128, 128)), 16.0, 1)
     weights = wide.smooth(wide.over_white(light))
     assert wide.noise == pytest.approx(np.sqrt(np.sum(weights**2)), rel=0.03)
-    assert found.noise == pytest.approx(0.55 / 16.0)
 
 
 def test_places_lie_on_a_lattice_with_light_all_around() -> None:
@@ -56,10 +54,3 @@ def test_places_lie_on_a_lattice_with_light_all_around() -> None:
     lost = [at for at in places.tolist() if tuple(at) not in kept]
     assert kept < {tuple(at) for at in places.tolist()} and lost
     assert all(np.hypot(at[0] - 40.0, at[1] - 32.0) < 16.0 for at in lost)
-    # Boxes of 5, 5 and 3 blocks reach 6 of them, and one more is left.
-    assert x.tolist() == [21.0, 29.0, 37.0, 45.0, 53.0, 61.0]
-    assert y.tolist() == [21.0, 29.0, 37.0, 45.0]
-    dense = found.places(2.0)
-    assert dense.min(axis=0).tolist() == [15.0, 15.0] and dense.max(axis=0).tolist() == [65.0, 49.0]
-    assert len(dense) == 26 * 18
-    assert len(averaging(2, 8.0).places(1.0)) == len(averaging(2, 8.0).places(2.0))

@@ -3,7 +3,6 @@ light comes again mirrored, before a bench that knows none of the program's maps
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -100,14 +99,6 @@ def known(bench: Bench, moved_px: tuple[float, float] = (0.0, 0.0)) -> Config:
     )
 
 
-def test_a_scene_needs_eight_stripes_by_the_maps_in_use() -> None:
-    bench = scene()
-    found, count = seen_by(bench, known(bench), subject="scene")
-    assert count == 3 + 9 and found.verdict is not Verdict.BAD
-    assert off_px(found, bench, "projector") < 0.05
-    assert off_px(found, bench, "mask") < 0.1
-
-
 def test_maps_that_were_never_measured_are_asked_for() -> None:
     with pytest.raises(CalibrationError, match="lies has not been measured"):
         seen_by(scene(), subject="scene", marks="phase")
@@ -127,16 +118,6 @@ def test_a_scene_without_maps_is_found_by_xor_codes() -> None:
     assert off_px(found, bench, "mask") < 0.1
 
 
-@pytest.mark.long
-def test_stripes_of_both_panels_on_a_card_are_surer_than_dots() -> None:
-    bench = scene(texture=None)
-    found, count = seen_by(bench, marks="xor")
-    assert count == 3 + 32 + 9 + 9
-    assert found.verdict is Verdict.GOOD
-    for panel in ("projector", "mask"):
-        assert off_px(found, bench, panel) < 0.02
-
-
 @pytest.mark.parametrize(
     "periods",
     [
@@ -144,15 +125,20 @@ def test_stripes_of_both_panels_on_a_card_are_surer_than_dots() -> None:
         pytest.param((-2.0, 1.0), marks=pytest.mark.long),
         pytest.param((0.5, 0.0), marks=pytest.mark.long),
         (2.4, -1.3),
+        (0.0, 0.0),
     ],
 )
 def test_a_projector_that_moved_by_periods_is_found(periods: tuple[float, float]) -> None:
-    """Stripes look the same a period further on; the maps in use are of where it was before."""
+    """Stripes look the same a period further on; the maps in use are of where it was before. With
+    them a scene needs the three photos of the mask's dots, eight of stripes and one of blocks."""
     shift = 8 * PROJECTOR.scale * periods[0], 8 * PROJECTOR.scale * periods[1]
     moved = replace(PROJECTOR, shift_quads=shift)
     bench = scene(projector=moved)
-    found, _ = seen_by(bench, known(scene()), subject="scene")
+    found, count = seen_by(bench, known(scene()), subject="scene")
+    assert count == 3 + 9 and found.verdict is not Verdict.BAD
     assert off_px(found, bench, "projector") < 0.05
+    # A projector that moved away lights less of the mask.
+    assert off_px(found, bench, "mask") < (0.2 if any(periods) else 0.1)
 
 
 def test_a_projector_that_was_turned_and_zoomed_is_refused() -> None:
@@ -163,35 +149,27 @@ def test_a_projector_that_was_turned_and_zoomed_is_refused() -> None:
     assert told.value.hint is not None and "--marks xor" in told.value.hint
 
 
-BLACK_CORNER = np.ones(FRAME)
-BLACK_CORNER[:, 250:] = 0.0
-FAULTS: list[tuple[str, str, dict[str, Any]]] = [
-    ("a lens cap", "no light reaches", {"electrons": 0.0}),
-    ("too dim", "too dim", {"electrons": 20.0}),
-    ("saturated", "saturated", {"electrons": 90_000.0}),
-    ("room lights", "darken the room", {"ambient": 9.0, "electrons": 3_000.0}),
-    ("out of focus", "out of focus|dots", {"blur_quads": 5.0}),
-    ("a mirrored mask", "mask is seen mirrored", {"mask": replace(MASK, mirrored=True)}),
-    (
-        "a mirrored projector",
-        "beside its stored map|cannot be numbered|beyond|no smooth map",
-        {"projector": replace(PROJECTOR, mirrored=True)},
-    ),
-]
-
-
-@pytest.mark.parametrize(("fault", "cause", "changes"), FAULTS, ids=[f[0] for f in FAULTS])
-def test_what_is_wrong_with_a_scene_is_named(
-    fault: str, cause: str, changes: dict[str, Any]
-) -> None:
-    with pytest.raises(CalibrationError) as told:
+@pytest.mark.parametrize(
+    ("cause", "changes"),
+    [
+        ("darken the room", {"ambient": 9.0, "electrons": 3_000.0}),
+        ("mask is seen mirrored", {"mask": replace(MASK, mirrored=True)}),
+        (
+            "beside its stored map|cannot be numbered|beyond|no smooth map",
+            {"projector": replace(PROJECTOR, mirrored=True)},
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_scene_is_named(cause: str, changes: dict[str, Any]) -> None:
+    with pytest.raises(CalibrationError, match=cause) as told:
         seen_by(scene(**changes), known(scene()), subject="scene")
-    assert told.value.hint and re.search(cause, str(told.value)), fault
+    assert told.value.hint
 
 
 def test_half_a_scene_is_doubtful_and_what_is_seen_of_it_right() -> None:
-    bench = scene(covered=BLACK_CORNER)
-    found, _ = seen_by(bench, known(scene()), subject="scene")
+    half = np.ones(FRAME)
+    half[:, 250:] = 0.0
+    found, _ = seen_by(scene(covered=half), known(scene()), subject="scene")
     seen = {f.name: f for f in found.figures if f.name.endswith("seen")}
     assert seen["projector.seen"].verdict is not Verdict.GOOD
     assert seen["projector.seen"].value == pytest.approx(0.55, abs=0.15)

@@ -11,7 +11,6 @@ import pytest
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.light.metering import (
     FULL_SHARE,
-    LEAST,
     MOST_WHITE_REFRESHES,
     OPEN_REFRESHES,
     WISHED,
@@ -52,49 +51,24 @@ def test_white_light_fills_the_sensor_after_the_refreshes_that_are_wished(rate: 
     wanted = next((f for f in STOPS if of_stop[f] >= WISHED * (1 - 1e-6)), STOPS[-1])
     assert session.f_number == wanted
     assert session.full == pytest.approx(min(of_stop[wanted], MOST_WHITE_REFRESHES), abs=1.01)
-    refreshes, f_number = found.outcome.figures
-    assert (refreshes.name, refreshes.value) == ("full_refreshes", float(session.full))
-    assert (f_number.name, f_number.value, f_number.unit) == ("f_number", session.f_number, "f")
-    assert refreshes.limit == f"{LEAST} to {MOST_WHITE_REFRESHES}"
-    assert all(wanted.iso == 100 for wanted in found.wanted)
+    values = {figure.name: figure.value for figure in found.outcome.figures}
+    assert values == {"full_refreshes": session.full, "f_number": session.f_number}
 
 
-def test_the_first_trial_is_short_and_at_the_stop_nearest_to_8() -> None:
+def test_the_mask_is_open_before_and_after_the_light_of_a_trial() -> None:
     session, found = metered(0.03)
     first = found.wanted[0]
-    assert first.f_number == min(STOPS, key=lambda f: abs(np.log(f / 8.0)))
-    assert first.shown.name == "meter-1" and len(found.wanted) == 1
-    # The mask is open for longer than the light, on either side.
+    assert len(found.wanted) == 1
     assert (first.shown.mask_index == -2).all() and first.shown.refreshes == 12 + 2 * OPEN_REFRESHES
     white = np.flatnonzero(first.shown.projector_index == -2)
     assert (white[0], white[-1], white.size) == (OPEN_REFRESHES, OPEN_REFRESHES + 11, 12)
     assert session.full >= WISHED
 
 
-def test_clipped_light_is_dimmed_by_the_lens_then_by_shorter_trials() -> None:
-    _, found = metered(0.5)
-    apertures = [wanted.f_number or 0.0 for wanted in found.wanted]
-    assert apertures[1] == pytest.approx(2.0 * apertures[0], rel=0.07)
-    session = session_of(f_numbers=(8.0,))
-    found = run(meter_light(session), lit(session, 0.009))
-    assert [wanted.shown.refreshes - 2 * OPEN_REFRESHES for wanted in found.wanted] == [12]
-    dim = session_of(f_numbers=(8.0,))
-    found = run(meter_light(dim), lit(dim, 0.0003))
-    assert [wanted.shown.refreshes - 2 * OPEN_REFRESHES for wanted in found.wanted] == [12, 96]
-    assert dim.full == MOST_WHITE_REFRESHES  # of 2166
-
-
 def test_light_that_is_too_strong_for_the_lens_is_refused() -> None:
-    session = session_of(f_numbers=(8.0,))
-    with pytest.raises(CalibrationError, match=rf"after 6\d refreshes; {LEAST} are") as caught:
-        run(meter_light(session), lit(session, FULL_SHARE / 66.5))
+    with pytest.raises(CalibrationError, match="after 3 refreshes") as caught:
+        metered(0.2, f_numbers=(8.0,))
     assert caught.value.device == "camera" and "close the lens" in str(caught.value.hint)
-    session = session_of(f_numbers=(8.0,))
-    run(meter_light(session), lit(session, FULL_SHARE / 67.5))
-    assert session.full == LEAST
-    clipped = session_of(f_numbers=(8.0,))
-    with pytest.raises(CalibrationError, match="after 3 refreshes"):
-        run(meter_light(clipped), lit(clipped, 0.2))
 
 
 @pytest.mark.parametrize("f_numbers", [(8.0,), STOPS, ()])
@@ -119,11 +93,8 @@ def test_a_lens_that_is_fixed_or_not_set_from_here_stays() -> None:
 def test_short_photos_may_have_a_wider_lens() -> None:
     session = session_of(f_numbers=(2.0, 4.0, 5.6, 8.0, 11.0))
     session.f_number, session.full = 8.0, 240
-    assert choose_wide_aperture(session, 60) == (4.0, 60)
-    assert choose_wide_aperture(session, 61) == (5.6, int(240 * 0.7**2))
-    assert choose_wide_aperture(session, 15) == (2.0, 15)
-    assert choose_wide_aperture(session, 200) == (8.0, 240)
-    assert choose_wide_aperture(session, 1000) == (8.0, 240)
+    for least, found in ((60, (4.0, 60)), (61, (5.6, int(240 * 0.7**2))), (200, (8.0, 240))):
+        assert choose_wide_aperture(session, least) == found
     session.f_number = None
     assert choose_wide_aperture(session, 60) == (None, 240)
     fixed = session_of(config(camera={"f_number": 8.0}), f_numbers=(4.0, 8.0))

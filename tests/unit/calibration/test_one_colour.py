@@ -11,7 +11,7 @@ from pdcd.calibration.geometry.finding import find_dots
 from pdcd.calibration.geometry.fit import FittedMap
 from pdcd.calibration.geometry.panel_map import fit_dots, measure_convergence
 from pdcd.calibration.light.contrasts import compute_responsivity
-from pdcd.calibration.photo import QuadPhoto, pick_main
+from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.response.levels import measure_grey_response
 from pdcd.calibration.sensor.body import format_profile, make_measured_profile, measure_sensor
 from pdcd.sensor.profile import load_profile
@@ -24,20 +24,6 @@ def green_of(photo: QuadPhoto) -> QuadPhoto:
 
 def greens_of(photos: Mapping[str, QuadPhoto]) -> dict[str, QuadPhoto]:
     return {name: green_of(photo) for name, photo in photos.items()}
-
-
-def test_things_are_found_by_green_or_by_all_there_is() -> None:
-    light = np.arange(12.0).reshape(2, 2, 3)
-    photo = QuadPhoto(light, 2.0 * light)
-    grey = green_of(photo)
-    assert np.array_equal(photo.main, light[..., 1]) and np.array_equal(grey.main, light[..., 1])
-    assert np.array_equal(grey.main_variance, photo.main_variance)
-    assert (photo.colours, grey.colours) == (3, 1)
-    assert photo.shares.tolist() == [0.25, 0.5, 0.25] and grey.shares.tolist() == [1.0]
-    assert (pick_main("RGB"), pick_main("W")) == ("G", "W")
-    for shape in ((2, 2), (2, 2, 2), (2, 2, 4)):
-        with pytest.raises(ValueError, match="3 or 1"):
-            QuadPhoto(np.ones(shape), np.ones(shape))
 
 
 def test_contrasts_and_responsivity() -> None:

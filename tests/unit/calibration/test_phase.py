@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,17 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.calibration.geometry.panel_map import fit_decoded_quads
-from pdcd.calibration.geometry.phase import DecodedQuads, PhaseCode
-from pdcd.calibration.geometry.xor import XorCode
+from pdcd.calibration.geometry.phase import (
+    DecodedQuads,
+    PhaseCode,
+    Sines,
+    check_periods,
+    join_axes_on_panel,
+)
+from pdcd.calibration.geometry.xor import XorCode, XorPlanes
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.shown import PanelSequence
 from pdcd.errors import CalibrationError
-from tests.unit.calibration.decoding import decode_by_prior, decode_xor
 from tests.unit.calibration.geometry_bench import Bench, Way
 
 Floats = NDArray[np.float64]
@@ -40,6 +46,32 @@ def photos(shown: tuple[PanelSequence, ...], seed: int = 0, **changes: Any) -> I
     """One after the other, as they come from a disk."""
     made = bench(**changes)
     return (made.photo(one, 100 * seed + number) for number, one in enumerate(shown))
+
+
+def decode_by_prior(photos: Iterable[QuadPhoto], code: PhaseCode, prior_px: Floats) -> DecodedQuads:
+    """Panel pixels out of the photos of `code.shown` for either axis, by a belief (h, w, 2), as the
+    step does it photo by photo."""
+    taken = iter(photos)
+    axes = [_sines(taken, code).place(prior_px[..., axis]) for axis in (0, 1)]
+    found = join_axes_on_panel(axes, code)
+    check_periods(found, prior_px, code)
+    return found
+
+
+def decode_xor(photos: Iterable[QuadPhoto], code: XorCode) -> DecodedQuads:
+    """Panel pixels, whole ones, out of the photos of `code.shown()`, in its order."""
+    planes = XorPlanes(code)
+    for photo in photos:
+        planes.add(photo)
+    return planes.decoded()
+
+
+def _sines(taken: Iterator[QuadPhoto], code: PhaseCode) -> Sines:
+    sines = Sines(code, 1)
+    for photo in islice(taken, code.steps):
+        sines.add(photo)
+    sines.refuse_flat()
+    return sines
 
 
 def decode(seen: Iterator[QuadPhoto]) -> DecodedQuads:
@@ -112,24 +144,14 @@ def test_photos_in_another_order_are_noticed() -> None:
 
 
 @pytest.mark.long
-def test_codes_survive_light_that_comes_again_mirrored() -> None:
-    """A V-shaped groove."""
-    groove: dict[str, Any] = {"groove": (0.6, 12.0), "blur_quads": 0.7, "electrons": 30_000.0}
-    code = XorCode("projector", SIZE)
-    found = decode_xor(photos(code.shown(1), **groove), code)
-    assert found.valid[MIDDLE].mean() > 0.6
-    assert np.mean(np.hypot(*(found.panel_px - TRUE)[found.valid & MIDDLE].T) > 2.0) < 0.02
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("base_px", [2, 4])
 def test_pictures_of_xor_codes_have_no_wide_stripes(base_px: int) -> None:
-    code = XorCode("projector", (1024, 768), base_px=4 if base_px == 4 else 2)
+    code = XorCode("projector", (1024, 768), base_px)
     assert len(code.shown(1)) == 40
     for line in code.lines(0):
         runs = np.diff(np.flatnonzero(np.diff(line.astype(np.int8)) != 0))
         assert runs.max() <= 2 * base_px
-    small = XorCode("projector", SIZE, base_px=code.base_px)
+    small = XorCode("projector", SIZE, base_px)
     found = decode_xor(photos(small.shown(1), blur_quads=0.4), small)
     assert np.mean(np.abs(found.panel_px - TRUE)[found.valid & MIDDLE] > 1.0) < 0.02
 

@@ -10,7 +10,7 @@ import pytest
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.calibration.pictures import FLASH_EVERY, MOVING, POSITIONS, STILL
-from pdcd.capture.show import PATTERNS, draw_sheet, make_pattern_frames, make_pixel_frames
+from pdcd.capture.show import PATTERNS, make_pattern_frames, make_pixel_frames
 from pdcd.panels.draw import draw
 from pdcd.panels.frames import BLACK
 from pdcd.words import MovingName, PatternName
@@ -71,5 +71,3 @@ def test_what_moves_does_so_for_as_long_as_was_asked() -> None:
     assert len(make_pixel_frames("bar", SMALL)) == POSITIONS
     frames = make_pixel_frames("flash", SMALL, seconds=2.0)
     assert len(frames) == 120 and BLACK not in frames.primal_index
-    picture = draw_sheet(frames, panels_of(SMALL))
-    assert picture.dtype == np.uint8 and picture.shape[2] == 3 and picture.max() == 255

