@@ -22,13 +22,12 @@ from pdcd.bench.config import load_config
 from pdcd.bench.measured import apply_calibration as with_latest
 from pdcd.bench.tables import CalibrationConfig, Config, SceneConfig
 from pdcd.bench.truth import load_bench_truth
-from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import make_job_id
 from pdcd.sensor.profile import load_profile
 from tests import bench_rig, world
 from tests.calibrated.compare import compared
 from tests.calibrated.draw import drawn
-from tests.taken import calibrate, started
+from tests.taken import calibrate, request_of, started
 
 LIMITS = {
     "camera to projector px": 0.1,
@@ -105,7 +104,7 @@ def _captures(calibrated: Config, true: Config) -> dict[str, float | None]:
         "as it is": msgspec.structs.replace(true, calibration=uncalibrated),
         "as believed": msgspec.structs.replace(calibrated, calibration=uncalibrated),
     }
-    request = CaptureRequest(goal="indirect", codes=128, window="quarter")
+    request = request_of(codes=128, window="quarter")
     found: dict[str, float | None] = {}
     for name, config in ways.items():
         with started(msgspec.structs.replace(config, scene=scene)) as engine:

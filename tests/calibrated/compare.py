@@ -14,7 +14,7 @@ from pdcd.panels.map import Map, map_between
 from pdcd.panels.map_file import load_maps
 from pdcd.probing.pulses import PanelResponse
 from pdcd.sensor.profile import IsoRow
-from tests.e2e.calibration.timing_rig import leaks_of
+from tests.e2e.calibration.timing_rig import late_s, leaks_of
 
 Floats = NDArray[np.float64]
 
@@ -143,11 +143,7 @@ def _leak_off(values: dict[str, object], said_s: Floats, real_s: Floats, true: C
 
 def _late(panel: PanelConfig, points: Floats) -> Floats:
     """When what a panel shows at points of it comes, after it was sent, in s."""
-    bands = panel.scan_bands
-    row = np.clip(points[:, 1] / panel.size_px[1], 0.0, 1.0 - 1e-9)
-    part = np.floor(row * bands) / max(bands - 1, 1)
-    scan_s = panel.scan_s * part if panel.scan_s > 0 else -panel.scan_s * (1.0 - part)
-    return np.asarray(panel.skew_s + scan_s)
+    return late_s(panel, np.clip(points[:, 1] / panel.size_px[1], 0.0, 1.0 - 1e-9))
 
 
 def _number(value: object) -> float:

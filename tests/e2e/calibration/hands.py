@@ -28,20 +28,13 @@ from pdcd.sensor.raw import read_raw
 
 @dataclass
 class Hands:
-    """Takes photos on a bench, step after step.
-
-    session : what is known so far. asked : what a person was asked to do. benches : what the bench
-        is after each of that, where it changes.
-    """
+    """Takes photos on a bench, step after step. session : what is known so far."""
 
     config: Config
     folder: Path
     full: int = 240
     f_number: float = 36.0
     session: CalibrationSession = field(init=False)
-    asked: list[str] = field(default_factory=list)
-    numbers: list[tuple[float | None, float | None]] = field(default_factory=list)
-    benches: list[Config] = field(default_factory=list)
     photos: int = 0
 
     def __post_init__(self) -> None:
@@ -74,15 +67,8 @@ class Hands:
         wanted = next(script)
         while True:
             try:
-                if isinstance(wanted, PhotoRequest):
-                    wanted = script.send(self._taken(wanted))
-                else:
-                    self.asked.append(wanted.text)
-                    self.numbers.append((wanted.now, wanted.best))
-                    if self.benches:
-                        self.rig = Rig(self.benches.pop(0))
-                        self.rig.connect()
-                    wanted = script.send(None)
+                assert isinstance(wanted, PhotoRequest)
+                wanted = script.send(self._taken(wanted))
             except StopIteration as end:
                 outcome: StepOutcome = end.value
                 self.session.learn(step, outcome)

@@ -21,9 +21,10 @@ from pdcd.bench.tables import (
 from pdcd.capture.engine import Engine
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
-from pdcd.protocol.events import Event, StepEnded
+from pdcd.protocol.events import Event
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.protocol.result import CaptureResult, make_job_id
+from tests.taken import started
 
 QUADS = (256, 192)
 PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)
@@ -62,40 +63,28 @@ def make_config(
 
 @dataclass
 class SmallBench:
-    """truth : text of the truth's file. scene, card : kind and options of the scene. placed :
-    whether belief has maps of all devices, as if the geometry had been measured; the truth then
-    agrees. quads : width and height of the photos. use : the calibration that is gone by; the
-    latest is none of a bench whose truth is another one by now."""
+    """truth : text of the truth's file. scene : kind of the scene. placed : whether belief has maps
+    of all devices, as if the geometry had been measured; the truth then agrees. quads : width and
+    height of the photos. use : the calibration that is gone by; the latest is none of a bench whose
+    truth is another one by now. tables : in the place of those of `make_config`."""
 
     folder: Path
     truth: str = ""
     scene: str = "card"
-    card: dict[str, Any] = field(default_factory=dict)
     placed: bool = False
     quads: tuple[int, int] = QUADS
     use: str = "latest"
+    tables: dict[str, Any] = field(default_factory=dict)
 
     @property
     def config(self) -> Config:
-        kind = SceneConfig(kind=self.scene, options=self.card)
-        used = CalibrationConfig(use=self.use)
-        return make_config(
-            self.folder, self.truth, quads=self.quads, placed=self.placed, scene=kind,
-            calibration=used,
-        )  # fmt: skip
-
-    def engine(self) -> Engine:
-        engine = Engine.from_config(self.config)
-        engine.start()
-        return engine
+        scene = SceneConfig(kind=self.scene)
+        tables = {"scene": scene, "calibration": CalibrationConfig(use=self.use), **self.tables}
+        return make_config(self.folder, self.truth, quads=self.quads, placed=self.placed, **tables)
 
     def calibrate(self, *steps: Any, **request: Any) -> Calibrated:
         """These steps, by an engine of their own."""
-        engine = self.engine()
-        try:
-            return calibrate(engine, *steps, **request)
-        finally:
-            engine.stop()
+        return calibrate_once(self.config, *steps, **request)
 
 
 @dataclass
@@ -103,7 +92,7 @@ class Calibrated:
     """A calibration as it ended, and its record where there is one."""
 
     result: CaptureResult
-    ended: list[StepEnded]
+    heard: list[Event]
 
     @property
     def record(self) -> Calibration:
@@ -135,16 +124,18 @@ class Calibrated:
 
 
 def calibrate(engine: Engine, *steps: Any, **request: Any) -> Calibrated:
-    ended: list[StepEnded] = []
-
-    def emit(event: Event) -> None:
-        if isinstance(event, StepEnded):
-            ended.append(event)
-
+    """These steps; without any, all of a whole calibration."""
+    heard: list[Event] = []
     result = engine.calibrate(
         CalibrateRequest(steps=steps, **request),
         job=make_job_id(),
-        emit=emit,
+        emit=heard.append,
         cancelled=lambda: False,
     )
-    return Calibrated(result, ended)
+    return Calibrated(result, heard)
+
+
+def calibrate_once(config: Config, *steps: Any, **request: Any) -> Calibrated:
+    """The same by an engine of its own."""
+    with started(config) as engine:
+        return calibrate(engine, *steps, **request)

@@ -10,8 +10,7 @@ import msgspec
 import pytest
 
 from pdcd.capture.again import recompute_calibration
-from pdcd.capture.engine import Engine
-from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
+from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate_once
 
 pytestmark = pytest.mark.whole
 
@@ -37,12 +36,7 @@ def ran(
     use = "latest" if after is None else str(after.folder)
     config = SmallBench(folder, TRUTH.format(right_px=right_px), quads=(300, 216), use=use).config
     camera = msgspec.structs.replace(config.camera, seed=seed)
-    engine = Engine.from_config(msgspec.structs.replace(config, camera=camera))
-    engine.start()
-    try:
-        return calibrate(engine, *steps)
-    finally:
-        engine.stop()
+    return calibrate_once(msgspec.structs.replace(config, camera=camera), *steps)
 
 
 def differing(folder: Path) -> list[str]:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.config import load_config
 from pdcd.bench.reading import format_toml
-from pdcd.bench.tables import Config
+from pdcd.bench.tables import Config, RigConfig, SceneConfig
 from pdcd.cli.main import main
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.displaced import DisplacedEffect
@@ -23,17 +22,11 @@ GRID = (24, 32)
 
 
 def off_axis(folder: Path, kind: str) -> SmallBench:
-    class OffAxis(SmallBench):
-        @property
-        def config(self) -> Config:
-            plain = super().config
-            return msgspec.structs.replace(
-                plain,
-                rig=msgspec.structs.replace(plain.rig, arrangement="off-axis"),
-                scene=msgspec.structs.replace(plain.scene, grid=GRID),
-            )
-
-    return OffAxis(folder, scene=kind, placed=True, quads=(512, 384))
+    tables = {
+        "rig": RigConfig(arrangement="off-axis"),
+        "scene": SceneConfig(kind=kind, grid=GRID),
+    }
+    return SmallBench(folder, placed=True, quads=(512, 384), tables=tables)
 
 
 def true_disparity(config: Config) -> NDArray[np.float64]:

@@ -4,20 +4,25 @@ as with the truth typed in."""
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from msgspec import structs
 
-from pdcd.bench.tables import CalibrationConfig, Config, SceneConfig, ScheduleConfig
+from pdcd.bench.tables import (
+    CalibrationConfig,
+    Config,
+    PanelConfig,
+    SceneConfig,
+    ScheduleConfig,
+)
 from pdcd.bench.truth import load_bench_truth
-from pdcd.capture.engine import Engine
 from pdcd.panels.placing import Placing
-from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.runs.folder import read_manifest
-from tests.e2e.calibration.steps_rig import SmallBench
+from tests import bench_rig
+from tests.e2e.calibration.steps_rig import MASK_PX, SmallBench
+from tests.taken import request_of, started
 
 pytestmark = pytest.mark.whole
 
@@ -34,35 +39,20 @@ fall_s = 0.003
 PLACES = "[mask.place]\n{mask}\n[camera.place]\n{camera}\n"
 
 
-class Rough(SmallBench):
-    """Before the open book, in coarse cells. mirrored : whether the mask is typed to be."""
-
-    mirrored = False
-
-    @property
-    def config(self) -> Config:
-        plain = super().config
-        place = Placing(flip="horizontal" if self.mirrored else "none")
-        return structs.replace(
-            plain,
-            mask=structs.replace(plain.mask, place=place),
-            scene=SceneConfig(kind="open-book", grid=GRID),
-            schedule=ScheduleConfig(grid=GRID),
-        )
+def rough(folder: Path, truth: str, quads: tuple[int, int], flip: str = "none") -> SmallBench:
+    """A bench before the open book, in coarse cells. flip : of the mask, as it is typed."""
+    tables = {
+        "mask": PanelConfig(size_px=MASK_PX, place=Placing(flip=flip)),  # type: ignore[arg-type]
+        "scene": SceneConfig(kind="open-book", grid=GRID),
+        "schedule": ScheduleConfig(grid=GRID),
+    }
+    return SmallBench(folder, truth, quads=quads, tables=tables)
 
 
-def capture(config: Config, goal: Any, codes: int) -> CaptureResult:
-    engine = Engine.from_config(config)
-    engine.start()
-    try:
-        return engine.capture(
-            CaptureRequest(goal=goal, codes=codes, parts=1),
-            job=make_job_id(),
-            emit=lambda event: None,
-            cancelled=lambda: False,
-        )
-    finally:
-        engine.stop()
+def capture(config: Config, goal: str, codes: int) -> CaptureResult:
+    with started(config) as engine:
+        asked = request_of(goal=goal, codes=codes, parts=1)
+        return bench_rig.capture(engine, asked, make_job_id())
 
 
 def typed(config: Config, field_px: tuple[int, int, int, int]) -> Config:
@@ -99,7 +89,7 @@ def compare(
 def test_a_mask_that_was_put_up_roughly(tmp_path: Path) -> None:
     """Panels that switch at once: where they lie is all there is to find."""
     text = PLACES.format(mask="offset_px = [10.0, -6.25]", camera="scale = 1.1")
-    made = Rough(tmp_path, text, quads=(256, 192))
+    made = rough(tmp_path, text, (256, 192))
     before = capture(made.config, "white", codes=4)
     assert before.state == "done" and "field_px" not in before.summary
     found = made.calibrate("geometry")
@@ -123,8 +113,9 @@ def test_a_mask_that_was_put_up_roughly(tmp_path: Path) -> None:
     ],
 )
 def test_rough_places_with_slow_panels(tmp_path: Path, mask: str, camera: str) -> None:
-    made = Rough(tmp_path, TIMES + PLACES.format(mask=mask, camera=camera), quads=(320, 240))
-    made.mirrored = "flip" in mask  # which way a panel is mounted is typed
+    text = TIMES + PLACES.format(mask=mask, camera=camera)
+    # Which way a panel is mounted is typed.
+    made = rough(tmp_path, text, (320, 240), "horizontal" if "flip" in mask else "none")
     found = made.calibrate("geometry", "timing", "registration")
     assert found.record.verdict != "bad"
     field = tuple(found.record.measured["projector.field_px"].value)

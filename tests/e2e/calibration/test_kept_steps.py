@@ -10,7 +10,6 @@ import sys
 import time
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from pdcd.bench import calibration as kept
@@ -22,15 +21,15 @@ from pdcd.calibration import steps
 from pdcd.calibration.check import check_step
 from pdcd.calibration.script import CalibrationSession, StepScript
 from pdcd.capture.again import recompute_calibration
-from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.errors import CalibrationError, DeviceLost, PdcdError
 from pdcd.protocol.events import Event
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.request import CalibrateRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify_calibration import verify_calibration
+from tests.e2e.calibration.steps_rig import calibrate_once
 from tests.e2e.calibration.test_calibrate_job import bench
+from tests.taken import started, take_with
 
 pytestmark = pytest.mark.whole
 
@@ -58,34 +57,22 @@ def fail_at_check(monkeypatch: pytest.MonkeyPatch, err: Exception) -> None:
     monkeypatch.setattr(check_step, "check_bench", check)
 
 
-def calibrate(
-    path: Path, job: str, *, cancel_at: str = "", **asked: object
-) -> tuple[CaptureResult, list[Event]]:
+def calibrate(path: Path, job: str, *, cancel_at: str = "") -> tuple[CaptureResult, list[Event]]:
     """One calibration by an engine of its own, as a new process has it."""
-    engine, heard = Engine.from_config(load_config(path)), list[Event]()
-    engine.start()
-    try:
+    heard: list[Event] = []
+    with started(load_config(path)) as engine:
         result = engine.calibrate(
-            msgspec.convert(asked, CalibrateRequest),
+            CalibrateRequest(),
             job=job,
             emit=heard.append,
             cancelled=lambda: (
                 bool(cancel_at) and any(getattr(e, "step", "") == cancel_at for e in heard)
             ),
         )
-        white = engine.capture(
-            CaptureRequest(goal="white", codes=4),
-            job=f"{job}-white",
-            emit=lambda _: None,
-            cancelled=lambda: False,
-        )
-        assert white.state == "done", white.error
-        manifest = read_manifest(Path(str(white.folder)))
         # What a photo goes by is what was kept, at once.
-        used = manifest.config["calibration"]
-        assert (used["use"] == result.folder) is bool(result.summary.get("used"))
-    finally:
-        engine.stop()
+        used = take_with(engine, f"{job}-white", goal="white", codes=4).manifest.config
+        kept_now = used["calibration"]["use"] == result.folder
+        assert kept_now is bool(result.summary.get("used"))
     return result, heard
 
 
@@ -142,14 +129,7 @@ def test_devices_that_go_away_take_nothing_with_them(
     path = bench(tmp_path)
     with monkeypatch.context() as patch:
         fail_at_check(patch, DeviceLost("the camera went away", device="camera"))
-        engine = Engine.from_config(load_config(path))
-        engine.start()
-        try:
-            result = engine.calibrate(
-                CalibrateRequest(), job="job", emit=lambda _: None, cancelled=lambda: False
-            )
-        finally:
-            engine.stop()
+        result = calibrate_once(load_config(path)).result
     assert result.state == "failed" and result.error is not None
     assert result.error["kind"] == "device_lost"
     assert choose_calibration(load_config(path)).folder == Path(str(result.folder))
@@ -166,13 +146,8 @@ def test_a_disk_that_fills_up_at_the_end_leaves_what_was_kept(
     path = bench(tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr(RunFolder, "finish_with", full)
-        engine = Engine.from_config(load_config(path))
-        engine.start()
-        result = engine.calibrate(
-            CalibrateRequest(), job="job", emit=lambda _: None, cancelled=lambda: False
-        )
-        engine.stop()
-    assert result.state == "failed" and str(result.folder).endswith("job.partial")
+        result = calibrate_once(load_config(path)).result
+    assert result.state == "failed" and str(result.folder).endswith(".partial")
     found = choose_calibration(load_config(path))
     assert found.folder == Path(str(result.folder)) / f"{kept.STEP_FOLDER_PREFIX}02"
     assert found.config.mask.place.map is not None

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.e2e.calibration.steps_rig import SmallBench, calibrate
+from tests.taken import started
 
 TRUTH = """
 [projector]
@@ -27,12 +28,9 @@ scale = 1.1
 
 @pytest.mark.long
 def test_the_first_check_after_the_start_finds_nothing_changed(tmp_path: Path) -> None:
-    engine = SmallBench(tmp_path / "bench", TRUTH, quads=(360, 270)).engine()
-    try:
+    with started(SmallBench(tmp_path / "bench", TRUTH, quads=(360, 270)).config) as engine:
         first = calibrate(engine, "geometry", "timing", "check")
         delay = first.record.measured["display.mask_delay_refreshes"].value
         assert abs(delay) == 11
         again = calibrate(engine, "check")
         assert again.record.verdict == "good", again.step("check").figures
-    finally:
-        engine.stop()

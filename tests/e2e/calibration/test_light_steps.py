@@ -18,6 +18,7 @@ from pdcd.capture.rig import Rig
 from pdcd.capture.worker.calibrating import read_arrays
 from pdcd.sensor.profile import load_profile
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
+from tests.taken import started
 
 pytestmark = pytest.mark.whole
 
@@ -62,10 +63,8 @@ SMALL = (160, 120)
 @pytest.fixture(scope="module")
 def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Engine]:
     """A bench that went on by its calibration."""
-    bench = SmallBench(tmp_path_factory.mktemp("light"), TRUTH)
-    engine = bench.engine()
-    yield engine
-    engine.stop()
+    with started(SmallBench(tmp_path_factory.mktemp("light"), TRUTH).config) as engine:
+        yield engine
 
 
 @pytest.fixture(scope="module")
@@ -139,17 +138,9 @@ def test_a_mock_body_stays_what_it_is_when_its_profile_was_measured(
     assert row.read_noise_e == pytest.approx(READ_E)
 
 
-def once(bench: SmallBench, *steps: str) -> Calibrated:
-    engine = bench.engine()
-    try:
-        return calibrate(engine, *steps)
-    finally:
-        engine.stop()
-
-
 def test_grey_levels_of_both_panels_are_found(tmp_path: Path) -> None:
     bench = SmallBench(tmp_path / "bench", TRUTH, placed=True, quads=SMALL)
-    done = once(bench, "response")
+    done = bench.calibrate("response")
     for panel, gamma in (("projector", 2.1), ("mask", 1.6)):
         assert done.value(f"{panel}.gamma") == pytest.approx(gamma, abs=0.01)
         arrays = read_arrays(done.folder / CALIBRATION_ARRAYS)
@@ -171,7 +162,7 @@ def test_nobody_covers_the_projector_and_something_covers_half_of_the_field(
     monkeypatch.setattr(Rig, "mock", property(lambda rig: False))
     dead = ", ".join(map(str, range(128)))
     truth = f"[projector]\ncontrast = 900.0\ndead_columns = [{dead}]\n[scene]\nambient = 0.002\n"
-    done = once(SmallBench(tmp_path / "bench", truth, placed=True), "light")
+    done = SmallBench(tmp_path / "bench", truth, placed=True).calibrate("light")
     both = 1.0 / (1.0 / 900.0 + 0.002 / 0.9)
     assert done.value("projector.contrast") == pytest.approx(both, rel=0.02)
     assert done.value("light.field_lit") == pytest.approx(0.5, abs=0.03)
@@ -181,25 +172,6 @@ def test_nobody_covers_the_projector_and_something_covers_half_of_the_field(
     assert not any(photo.name.startswith("light-C") for photo in step.photos)
     for advice in ("cover the projector's lens", "take away what covers it"):
         assert any(advice in text for text in step.advice)
-
-
-@pytest.mark.parametrize(
-    ("truth", "card", "step", "cause"),
-    [
-        ("[scene]\nambient = 0.4\n", 0.9, "light", "room lights"),
-        ("[mask]\ncontrast = 2.0\n[projector]\ncontrast = 9.0\n", 0.9, "sensor", "light comes in"),
-        ("", 1e-9, "sensor", "lens cap"),
-    ],
-)
-def test_a_bad_bench_is_refused_and_the_cause_is_named(
-    tmp_path: Path, truth: str, card: float, step: str, cause: str
-) -> None:
-    bench = SmallBench(tmp_path / "bench", truth, card={"albedo": card}, quads=SMALL)
-    done = once(bench, step)
-    assert done.result.state == "failed" and done.result.error is not None
-    told = f"{done.error}: {done.result.error['hint']}"
-    assert cause in told, told
-    assert not list((tmp_path / "bench" / "state" / "calibrations").glob("*/calibration.json"))
 
 
 @pytest.mark.long

@@ -14,6 +14,7 @@ from pdcd.capture.again import recompute_calibration
 from pdcd.panels.map import map_between
 from pdcd.panels.map_file import load_maps
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
+from tests.taken import started
 
 pytestmark = pytest.mark.whole
 
@@ -48,13 +49,10 @@ def off_px(found: Calibrated, made: SmallBench) -> float:
 @pytest.mark.timeout(300)
 def test_a_bumped_camera_is_found_on_the_scene_and_computed_again(tmp_path: Path) -> None:
     made = bench(tmp_path)
-    engine = made.engine()
-    try:
+    with started(made.config) as engine:
         before = calibrate(engine, "geometry")
         assert off_px(before, made) < 0.1
         assert engine._rig.scene is not None and engine._rig.scene.name == "open-book"
-    finally:
-        engine.stop()
     bumped = bench(tmp_path, turn_deg=1.5, use=str(before.folder))
     found = bumped.calibrate("geometry", subject="scene")
     record = found.record

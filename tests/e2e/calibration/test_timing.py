@@ -12,7 +12,7 @@ from pdcd.bench.tables import Config
 from pdcd.bench.truth import load_bench_truth
 from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import PanelResponse
-from tests.e2e.calibration.timing_rig import REFRESH_S, bench, calibrated, leaks_of, record_of
+from tests.e2e.calibration.timing_rig import REFRESH_S, bench, calibrated, late_s, leaks_of
 
 pytestmark = pytest.mark.whole
 
@@ -34,13 +34,8 @@ fall_s = 0.0071
 def lags_s(config: Config, rows: np.ndarray) -> np.ndarray:
     """When the mask's light of a row of the field comes after the projector's; panels are upright.
     What the display delays on purpose is in it."""
-    found = np.full(rows.shape, config.display.mask_delay_refreshes * REFRESH_S)
-    for panel, sign in ((config.mask, 1.0), (config.projector, -1.0)):
-        bands = panel.scan_bands
-        part = np.floor(rows * bands) / max(bands - 1, 1)
-        scan = panel.scan_s * part if panel.scan_s > 0 else -panel.scan_s * (1.0 - part)
-        found += sign * (panel.skew_s + scan)
-    return found
+    delay_s = config.display.mask_delay_refreshes * REFRESH_S
+    return np.asarray(delay_s + late_s(config.mask, rows) - late_s(config.projector, rows))
 
 
 def leaks(config: Config, late_s: np.ndarray) -> dict[str, float]:
@@ -69,21 +64,20 @@ def check_found(believed: Config, found: Config, *, rows: int = 40) -> None:
 def test_lag_rise_and_fall_and_whole_refreshes(tmp_path: Path) -> None:
     """A mask that is seven refreshes and some late; the display then sends it all seven earlier."""
     believed = bench(tmp_path, TAUS.format(projector="", mask="skew_s = 0.1204"))
-    result, found = calibrated(believed, "timing")
-    record = record_of(result)
+    done, found = calibrated(believed, "timing")
     check_found(believed, found)
     assert found.display.mask_delay_refreshes == -7
     assert found.mask.scan_s == 0.0
     assert (found.projector.skew_s, found.projector.scan_s) == (0.0, 0.0)
-    assert [photo.name for photo in record.steps[-1].photos] == [
+    step = done.step("timing")
+    assert [photo.name for photo in step.photos] == [
         f"timing-{name}"
         for name in ("white", "coarse", "white-again", "coarse-again", "room", *STRIPS)
     ]
-    assert record.steps[-1].verdict == "good"
-    assert any("7 refreshes earlier" in text for text in record.steps[-1].advice)
-    entry = record.measured["mask.skew_s"]
+    assert step.verdict == "good" and any("7 refreshes earlier" in text for text in step.advice)
+    entry = done.record.measured["mask.skew_s"]
     assert abs(entry.value - 0.1204) < 4.0 * float(entry.sigma)  # type: ignore[arg-type]
-    assert (Path(str(result.folder)) / "preview" / "timing.png").stat().st_size > 1000
+    assert (done.folder / "preview" / "timing.png").stat().st_size > 1000
 
 
 @pytest.mark.long
@@ -95,9 +89,9 @@ def test_a_noisy_sensor_takes_more_strips(tmp_path: Path) -> None:
         "[mask]\nskew_s = 0.0051\nrise_s = 0.0064\nfall_s = 0.0032\n",
     )
     camera = msgspec.structs.replace(believed.camera, profile="mono", f_number=64.0)
-    result, found = calibrated(msgspec.structs.replace(believed, camera=camera), "timing")
-    step = record_of(result).steps[-1]
-    assert sum("rhythms" in photo.name for photo in step.photos) > len(STRIPS)
+    done, found = calibrated(msgspec.structs.replace(believed, camera=camera), "timing")
+    photos = done.step("timing").photos
+    assert sum("rhythms" in photo.name for photo in photos) > len(STRIPS)
     at = (np.arange(40) + 0.5) / 40
     true = load_bench_truth(believed).of(believed)
     true = msgspec.structs.replace(true, display=found.display)
@@ -110,8 +104,8 @@ def test_a_noisy_sensor_takes_more_strips(tmp_path: Path) -> None:
 def test_twice_in_a_row_gives_the_same(tmp_path: Path) -> None:
     """The truth says nothing of bands: they are as typed, not as the first time found them."""
     believed = bench(tmp_path, TAUS.format(projector="", mask="skew_s = 0.002\nscan_s = 0.0158"))
-    (result, found), (again, _) = (calibrated(believed, "timing") for _ in range(2))
-    first, second = record_of(result).measured, record_of(again).measured
+    (done, found), (again, _) = (calibrated(believed, "timing") for _ in range(2))
+    first, second = done.record.measured, again.record.measured
     assert found.mask.scan_bands != believed.mask.scan_bands
     assert load_bench_truth(found).of(found).mask == load_bench_truth(believed).of(believed).mask
     for key, entry in first.items():
@@ -126,10 +120,10 @@ def test_twice_in_a_row_gives_the_same(tmp_path: Path) -> None:
 def test_panels_that_scan_against_each_other(tmp_path: Path) -> None:
     scan = "skew_s = 0.002\nscan_s = -0.0316\nscan_bands = 24"
     believed = bench(tmp_path, TAUS.format(projector="skew_s = 0.001", mask=scan))
-    result, found = calibrated(believed, "timing")
-    step = record_of(result).steps[-1]
+    done, found = calibrated(believed, "timing")
+    step = done.step("timing")
     true = load_bench_truth(believed).of(believed)
-    bands = np.load(Path(str(result.folder)) / "arrays.npz")["timing.lag_s"]
+    bands = np.load(done.folder / "arrays.npz")["timing.lag_s"]
     rows = (np.arange(1200) + 0.5) / 1200
     real = lags_s(true, rows).reshape(bands.size, -1).mean(axis=1)
     np.testing.assert_allclose(bands, real, rtol=0, atol=0.15e-3)
@@ -148,8 +142,8 @@ def test_times_are_found_again_once_the_delay_is_taken_out(tmp_path: Path) -> No
     believed = bench(tmp_path, TAUS.format(projector="", mask="skew_s = -0.0287"))
     display = msgspec.structs.replace(believed.display, mask_delay_refreshes=2)
     believed = msgspec.structs.replace(believed, display=display)
-    result, found = calibrated(believed, "timing")
-    assert len(record_of(result).steps[-1].photos) == 3 + len(STRIPS)
+    done, found = calibrated(believed, "timing")
+    assert len(done.step("timing").photos) == 3 + len(STRIPS)
     check_found(believed, found)
     assert found.display.mask_delay_refreshes == 2
     assert found.mask.skew_s == pytest.approx(-0.0287, abs=0.15e-3)
@@ -157,10 +151,8 @@ def test_times_are_found_again_once_the_delay_is_taken_out(tmp_path: Path) -> No
 
 def test_timing_wants_maps(tmp_path: Path) -> None:
     for step in ("timing", "shutter"):
-        result, found = calibrated(bench(tmp_path, "", placed=False), step)
-        assert result.error is not None
-        assert "has not been measured yet" in str(result.error["message"])
-        assert "geometry" in str(result.error["hint"])
+        done, found = calibrated(bench(tmp_path, "", placed=False), step)
+        assert "has not been measured yet" in done.error
         assert found.mask.skew_s == 0.0
 
 
@@ -170,18 +162,17 @@ TRIGGER = "[trigger]\nlag_s = {}\njitter_s = {}\n"
 def test_lag_and_jitter_of_the_shutter(tmp_path: Path) -> None:
     truth = TRIGGER.format(0.1163, 0.0012)
     believed = bench(tmp_path, truth, rise_s=0.0031, fall_s=0.0022)
-    result, found = calibrated(believed, "shutter")
-    record = record_of(result)
+    done, found = calibrated(believed, "shutter")
     # The bench draws two times a photo, for it opens and closes; one was metered, one was white,
     # and one was of the room.
     drawn = np.random.default_rng([believed.camera.seed, 2]).standard_normal(16)[6:]
     late_s = 0.1163 + 0.0012 * drawn
     assert found.trigger.lag_s == pytest.approx(late_s.mean(), abs=0.3e-3)
     assert found.trigger.jitter_s == pytest.approx(late_s.std(ddof=1), abs=0.2e-3)
-    assert record.measured["trigger.lag_s"].step == "shutter"
+    assert done.record.measured["trigger.lag_s"].step == "shutter"
     # Rise and fall of the projector were typed in: nobody knows how well.
-    assert record.steps[-1].verdict == "doubtful"
-    assert any("run timing" in text for text in record.steps[-1].advice)
+    step = done.step("shutter")
+    assert step.verdict == "doubtful" and any("run timing" in text for text in step.advice)
 
 
 def test_the_lag_of_the_shutter_is_that_of_the_projectors_first_row(tmp_path: Path) -> None:
@@ -189,7 +180,6 @@ def test_the_lag_of_the_shutter_is_that_of_the_projectors_first_row(tmp_path: Pa
     # Set row by row: of 32 bands, the last 15.5 ms late, the line through them spans 16.0 ms.
     truth = "[projector]\nscan_s = 0.0155\nscan_bands = 96\n" + TRIGGER.format(0.0863, 0.0)
     believed = bench(tmp_path, truth, rise_s=0.0031, fall_s=0.0022)
-    result, found = calibrated(believed, "shutter")
-    travel_s = {figure.name: figure.value for figure in record_of(result).steps[-1].figures}
-    assert travel_s["shutter.travel_opening_s"] == pytest.approx(-0.0155, abs=0.5e-3)
+    done, found = calibrated(believed, "shutter")
+    assert done.value("shutter.travel_opening_s") == pytest.approx(-0.0155, abs=0.5e-3)
     assert found.trigger.lag_s == pytest.approx(0.0863, abs=0.4e-3)

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from msgspec import structs
 
 from pdcd.bench.calibration import MAPS
 from pdcd.bench.placed import make_camera_map, panels_of
-from pdcd.bench.tables import Config
+from pdcd.bench.tables import PanelConfig
 from pdcd.bench.truth import load_bench_truth
 from pdcd.panels.map import map_between
 from pdcd.panels.map_file import load_maps
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
+from tests.taken import started
 
 pytestmark = pytest.mark.whole
 
@@ -87,19 +87,12 @@ def test_a_mask_that_covers_a_part_of_the_field(
 def test_a_mask_of_half_as_many_pixels_as_the_projector(tmp_path: Path) -> None:
     """Stripes of 6 px would be three of its pixels: wider ones tell the same."""
 
-    class Coarse(SmallBench):
-        @property
-        def config(self) -> Config:
-            plain = super().config
-            panels = {"projector": (384, 288), "mask": (192, 144)}
-            sized = {
-                name: structs.replace(getattr(plain, name), size_px=size)
-                for name, size in panels.items()
-            }
-            return structs.replace(plain, **sized)
-
     text = TRUTH.format(mask=1.04, camera=1.05) + "[scene]\nblur_px = 1.0\n"
-    made = Coarse(tmp_path, text, quads=(480, 360))
+    panels = {
+        name: PanelConfig(size_px=size)
+        for name, size in (("projector", (384, 288)), ("mask", (192, 144)))
+    }
+    made = SmallBench(tmp_path, text, quads=(480, 360), tables=panels)
     found = made.calibrate("geometry", "registration")
     names = {photo.name for photo in found.step("registration").photos}
     assert "registration-right-10-0" in names and "registration-right-6-0" not in names
@@ -111,12 +104,9 @@ def test_a_mask_of_half_as_many_pixels_as_the_projector(tmp_path: Path) -> None:
 @pytest.mark.timeout(300)
 def test_a_camera_that_sees_a_part_is_told_of_stripes(tmp_path: Path) -> None:
     made = bench(tmp_path, 1.05, 0.8)
-    engine = made.engine()
-    try:
+    with started(made.config) as engine:
         dots = calibrate(engine, "geometry")
         stripes = calibrate(engine, "geometry", marks="xor")
-    finally:
-        engine.stop()
     assert dots.record.verdict != "good" and "--marks xor" in dots.step("geometry").advice[0]
     assert stripes.record.verdict == "good"
     assert off_px(stripes, made) < 0.03

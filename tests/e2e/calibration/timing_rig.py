@@ -7,15 +7,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from pdcd.bench.calibration import Calibration, read_calibration
-from pdcd.bench.measured import apply_calibration as measured
-from pdcd.bench.tables import Config, SceneConfig
-from pdcd.capture.engine import Engine
+from pdcd.bench.measured import apply_calibration
+from pdcd.bench.tables import Config, PanelConfig, SceneConfig
 from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import PanelResponse, compute_code_separation
-from pdcd.protocol.request import CalibrateRequest
-from pdcd.protocol.result import CaptureResult, make_job_id
-from tests.e2e.calibration.steps_rig import make_config
+from tests.e2e.calibration.steps_rig import Calibrated, calibrate_once, make_config
 
 REFRESH_S = 1.0 / 60.0
 PROJECTOR_PX, MASK_PX, QUADS = (192, 96), (216, 120), (192, 120)
@@ -34,20 +30,17 @@ def bench(folder: Path, truth: str, *, placed: bool = True, **panels: object) ->
     return msgspec.structs.replace(config, projector=projector)
 
 
-def calibrated(config: Config, step: str) -> tuple[CaptureResult, Config]:
+def calibrated(config: Config, step: str) -> tuple[Calibrated, Config]:
     """How a step ended, and the configuration that came of it."""
-    engine = Engine.from_config(config)
-    engine.start()
-    try:
-        result = engine.calibrate(
-            CalibrateRequest(steps=(step,)),  # type: ignore[arg-type]
-            job=make_job_id(),
-            emit=lambda event: None,
-            cancelled=lambda: False,
-        )
-        return result, measured(config)
-    finally:
-        engine.stop()
+    return calibrate_once(config, step), apply_calibration(config)
+
+
+def late_s(panel: PanelConfig, rows: np.ndarray) -> np.ndarray:
+    """When what a panel shows in some rows, 0 to 1 from its top, comes after it was sent, in s."""
+    bands = panel.scan_bands
+    part = np.floor(rows * bands) / max(bands - 1, 1)
+    scan_s = panel.scan_s * part if panel.scan_s > 0 else -panel.scan_s * (1.0 - part)
+    return np.asarray(panel.skew_s + scan_s)
 
 
 def leaks_of(projector: PanelResponse, mask: PanelResponse, late_s: np.ndarray) -> dict[str, float]:
@@ -60,9 +53,3 @@ def leaks_of(projector: PanelResponse, mask: PanelResponse, late_s: np.ndarray) 
         ]
         found[name] = float(np.mean([one.leak * one.light for one in kept]))
     return found
-
-
-def record_of(result: CaptureResult) -> Calibration:
-    """What was kept of a calibration that went well."""
-    assert result.error is None, result.error
-    return read_calibration(Path(str(result.folder)))[0]
