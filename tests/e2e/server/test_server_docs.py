@@ -20,9 +20,9 @@ from pdcd.protocol.events import COMMON_FIELDS, TYPES
 from pdcd.protocol.messages import CODES, METHODS
 from pdcd.protocol.views import ClientRole
 from pdcd.server import callers, connections, reading
-from tests.e2e.server.test_daemon_real import connect
-from tests.e2e.server.test_daemon_real import daemon as daemon_of
 from tests.places import ROOT
+from tests.real_daemon import connect
+from tests.real_daemon import daemon as daemon_of
 from tests.tools import linked, needs, program
 
 pytestmark = pytest.mark.whole
