@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import warnings
@@ -18,6 +19,7 @@ from drivers.guard import ShutterGuard
 from pdcd.child import WORDS, LineClosedError
 from pdcd.errors import DeviceLost
 from tests.child_rig import Process, stand_ins
+from tests.places import ROOT
 from tests.processes import ended, soon
 
 ANSWER_S = 20.0
@@ -60,6 +62,23 @@ def test_a_guardian_is_deaf_to_every_signal_from_its_birth_on(guard: ShutterGuar
     blocked = int(next(line for line in status.splitlines() if line[:6] == "SigBlk")[8:], 16)
     heard = {number for number in signal.valid_signals() if not blocked >> (number - 1) & 1}
     assert heard == {signal.SIGKILL, signal.SIGSTOP}
+
+
+def test_a_program_that_ends_in_an_exposure_is_not_held_up_by_what_watches_the_guardian() -> None:
+    """The line closes only then, and the guardian closes the shutter when it does."""
+    program = f"""
+import sys
+from drivers.guard import ShutterGuard
+
+guard = ShutterGuard((sys.executable, "-c", {ECHO!r}), answer_s={ANSWER_S})
+guard.arm(lambda: "arm")
+print(guard.pid, flush=True)
+"""
+    ending = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", program],
+        stdout=subprocess.PIPE, cwd=ROOT, timeout=ANSWER_S, check=True,
+    )  # fmt: skip
+    assert soon(lambda: ended(int(ending.stdout)))
 
 
 # A guardian lost in an exposure.
