@@ -1,4 +1,4 @@
-"""Finished captures of engines in this process, and what lies in their folders."""
+"""Finished captures and calibrations of engines in this process, and what lies in their folders."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.calibration import Calibration, FigureRecord, StepRecord, read_calibration
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.written.picture_files import read_tiff
+from pdcd.protocol.events import Event
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality, make_job_id
 from pdcd.runs.folder import read_manifest
@@ -79,6 +81,42 @@ class Taken:
         return decode_folder(self.folder).identical
 
 
+@dataclass
+class Calibrated:
+    """A calibration as it ended, and its record where there is one."""
+
+    result: CaptureResult
+    heard: list[Event]
+
+    @property
+    def record(self) -> Calibration:
+        assert self.result.error is None, self.result.error
+        assert self.result.folder is not None
+        return read_calibration(Path(self.result.folder))[0]
+
+    @property
+    def folder(self) -> Path:
+        assert self.result.folder is not None
+        return Path(self.result.folder)
+
+    @property
+    def error(self) -> str:
+        assert self.result.error is not None
+        return str(self.result.error["message"])
+
+    def step(self, name: str) -> StepRecord:
+        return next(step for step in self.record.steps if step.name == name)
+
+    def figures(self, name: str) -> dict[str, FigureRecord]:
+        return {figure.name: figure for figure in self.step(name).figures}
+
+    def value(self, figure: str) -> float:
+        """Value of a figure, whatever step it is of."""
+        values = [f.value for step in self.record.steps for f in step.figures if f.name == figure]
+        assert len(values) == 1 and values[0] is not None, figure
+        return values[0]
+
+
 @contextmanager
 def started(config: Config) -> Iterator[Engine]:
     """An engine whose rig is open, and safe in the end."""
@@ -103,15 +141,22 @@ def attempt(config: Config, files: Mapping[str, Path] = NO_FILES, **fields: Any)
     return capture_on(config, request_of(**fields), files)
 
 
-def calibrate(config: Config, **fields: Any) -> CaptureResult:
-    """How a calibration ends by an engine of its own."""
+def calibrate(engine: Engine, *steps: Any, **request: Any) -> Calibrated:
+    """These steps; without any, all of a whole calibration."""
+    heard: list[Event] = []
+    result = engine.calibrate(
+        CalibrateRequest(steps=steps, **request),
+        job=make_job_id(),
+        emit=heard.append,
+        cancelled=lambda: False,
+    )
+    return Calibrated(result, heard)
+
+
+def calibrate_once(config: Config, *steps: Any, **request: Any) -> Calibrated:
+    """The same by an engine of its own."""
     with started(config) as engine:
-        return engine.calibrate(
-            CalibrateRequest(**fields),
-            job=make_job_id(),
-            emit=lambda _: None,
-            cancelled=lambda: False,
-        )
+        return calibrate(engine, *steps, **request)
 
 
 def take(config: Config, files: Mapping[str, Path] = NO_FILES, **fields: Any) -> Taken:

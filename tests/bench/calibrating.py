@@ -13,7 +13,7 @@ from pdcd.bench.reading import format_toml
 from pdcd.capture.again import recompute_calibration
 from tests.bench.measure import alone, peak_mib
 from tests.bench.tables import Aim, Section, Table, seconds
-from tests.taken import calibrate
+from tests.taken import calibrate_once
 
 FRAME, QUICK_FRAME = (2136, 1424), (534, 356)
 """Width and height in quads: a RAW file has twice as many samples each way."""
@@ -87,7 +87,7 @@ def taken(place: str, quads: list[int]) -> dict[str, Any]:
     }
     config.write_text(format_toml(belief))
     (Path(place) / "truth.toml").write_text(format_toml(TRUTH))
-    result = calibrate(load_config(config))
+    result = calibrate_once(load_config(config)).result
     if result.folder is None:
         raise RuntimeError(f"the bench was not calibrated: {result.error}")
     record, _ = read_calibration(Path(result.folder))

@@ -27,7 +27,7 @@ from pdcd.sensor.profile import load_profile
 from tests import bench_rig, world
 from tests.calibrated.compare import compared
 from tests.calibrated.draw import drawn
-from tests.taken import calibrate, request_of, started
+from tests.taken import calibrate_once, request_of, started
 
 LIMITS = {
     "camera to projector px": 0.1,
@@ -76,7 +76,7 @@ def main() -> None:
 
 def _one(seed: int, folder: Path, config: Config, capture: bool) -> dict[str, object]:
     begun_s = time.process_time()
-    result = calibrate(config)
+    result = calibrate_once(config).result
     entry: dict[str, object] = {"bench": seed, "cpu_s": round(time.process_time() - begun_s, 1)}
     entry["state"], entry["summary"] = result.state, result.summary.get("verdict")
     if result.folder is None or result.state != "done":

@@ -22,7 +22,7 @@ from tests.strangers.compare import compare
 from tests.strangers.package.strangers_bench.drivers import STANDS
 from tests.strangers.package.strangers_bench.facts import Facts, draw_facts
 from tests.strangers.package.strangers_bench.world import Stands, World
-from tests.taken import calibrate as calibrate_once
+from tests.taken import calibrate_once
 
 Entry = dict[str, Any]
 
@@ -72,7 +72,7 @@ def calibrate(file: Path, folder: Path, stands: Stands, *steps: StepName) -> Ent
     stands.save(folder / STANDS)
     begun_s = time.process_time()
     try:
-        result = calibrate_once(benches.read_config(file), steps=steps)
+        result = calibrate_once(benches.read_config(file), *steps).result
     except PdcdError as err:
         return {"state": "refused", "cause": err.message, "values": {}}
     cause = "" if result.error is None else str(result.error["message"])

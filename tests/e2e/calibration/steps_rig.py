@@ -8,7 +8,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pdcd.bench.calibration import Calibration, FigureRecord, StepRecord, read_calibration
 from pdcd.bench.tables import (
     BenchConfig,
     CalibrationConfig,
@@ -18,13 +17,9 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
-from pdcd.capture.engine import Engine
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
-from pdcd.protocol.events import Event
-from pdcd.protocol.request import CalibrateRequest
-from pdcd.protocol.result import CaptureResult, make_job_id
-from tests.taken import started
+from tests.taken import Calibrated, calibrate_once
 
 QUADS = (256, 192)
 PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)
@@ -85,57 +80,3 @@ class SmallBench:
     def calibrate(self, *steps: Any, **request: Any) -> Calibrated:
         """These steps, by an engine of their own."""
         return calibrate_once(self.config, *steps, **request)
-
-
-@dataclass
-class Calibrated:
-    """A calibration as it ended, and its record where there is one."""
-
-    result: CaptureResult
-    heard: list[Event]
-
-    @property
-    def record(self) -> Calibration:
-        assert self.result.error is None, self.result.error
-        assert self.result.folder is not None
-        return read_calibration(Path(self.result.folder))[0]
-
-    @property
-    def folder(self) -> Path:
-        assert self.result.folder is not None
-        return Path(self.result.folder)
-
-    @property
-    def error(self) -> str:
-        assert self.result.error is not None
-        return str(self.result.error["message"])
-
-    def step(self, name: str) -> StepRecord:
-        return next(step for step in self.record.steps if step.name == name)
-
-    def figures(self, name: str) -> dict[str, FigureRecord]:
-        return {figure.name: figure for figure in self.step(name).figures}
-
-    def value(self, figure: str) -> float:
-        """Value of a figure, whatever step it is of."""
-        values = [f.value for step in self.record.steps for f in step.figures if f.name == figure]
-        assert len(values) == 1 and values[0] is not None, figure
-        return values[0]
-
-
-def calibrate(engine: Engine, *steps: Any, **request: Any) -> Calibrated:
-    """These steps; without any, all of a whole calibration."""
-    heard: list[Event] = []
-    result = engine.calibrate(
-        CalibrateRequest(steps=steps, **request),
-        job=make_job_id(),
-        emit=heard.append,
-        cancelled=lambda: False,
-    )
-    return Calibrated(result, heard)
-
-
-def calibrate_once(config: Config, *steps: Any, **request: Any) -> Calibrated:
-    """The same by an engine of its own."""
-    with started(config) as engine:
-        return calibrate(engine, *steps, **request)

@@ -10,7 +10,8 @@ import msgspec
 import pytest
 
 from pdcd.capture.again import recompute_calibration
-from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate_once
+from tests.e2e.calibration.steps_rig import SmallBench
+from tests.taken import Calibrated, calibrate_once
 
 pytestmark = pytest.mark.whole
 

@@ -23,8 +23,7 @@ from pdcd.protocol.events import StepEnded
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify_calibration import verify_calibration
-from tests.e2e.calibration.steps_rig import calibrate
-from tests.taken import started, take_with
+from tests.taken import calibrate, started, take_with
 
 pytestmark = pytest.mark.whole
 

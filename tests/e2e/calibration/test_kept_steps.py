@@ -27,9 +27,8 @@ from pdcd.protocol.events import Event
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.verify_calibration import verify_calibration
-from tests.e2e.calibration.steps_rig import calibrate_once
 from tests.e2e.calibration.test_calibrate_job import bench
-from tests.taken import started, take_with
+from tests.taken import calibrate_once, started, take_with
 
 pytestmark = pytest.mark.whole
 

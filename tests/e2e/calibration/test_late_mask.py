@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.e2e.calibration.steps_rig import SmallBench, calibrate
-from tests.taken import started
+from tests.e2e.calibration.steps_rig import SmallBench
+from tests.taken import calibrate, started
 
 TRUTH = """
 [projector]

@@ -17,8 +17,8 @@ from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.capture.worker.calibrating import read_arrays
 from pdcd.sensor.profile import load_profile
-from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
-from tests.taken import started
+from tests.e2e.calibration.steps_rig import SmallBench
+from tests.taken import Calibrated, calibrate, started
 
 pytestmark = pytest.mark.whole
 

@@ -14,7 +14,8 @@ from pdcd.capture.again import recompute_calibration
 from pdcd.panels.map import map_between
 from pdcd.panels.map_file import load_maps
 from pdcd.protocol.events import ShotArmed
-from tests.e2e.calibration.steps_rig import calibrate_once, make_config
+from tests.e2e.calibration.steps_rig import make_config
+from tests.taken import calibrate_once
 
 pytestmark = pytest.mark.whole
 

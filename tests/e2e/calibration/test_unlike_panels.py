@@ -13,8 +13,8 @@ from pdcd.bench.tables import PanelConfig
 from pdcd.bench.truth import load_bench_truth
 from pdcd.panels.map import map_between
 from pdcd.panels.map_file import load_maps
-from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
-from tests.taken import started
+from tests.e2e.calibration.steps_rig import SmallBench
+from tests.taken import Calibrated, calibrate, started
 
 pytestmark = pytest.mark.whole
 

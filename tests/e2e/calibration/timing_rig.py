@@ -11,7 +11,8 @@ from pdcd.bench.measured import apply_calibration
 from pdcd.bench.tables import Config, PanelConfig, SceneConfig
 from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import PanelResponse, compute_code_separation
-from tests.e2e.calibration.steps_rig import Calibrated, calibrate_once, make_config
+from tests.e2e.calibration.steps_rig import make_config
+from tests.taken import Calibrated, calibrate_once
 
 REFRESH_S = 1.0 / 60.0
 PROJECTOR_PX, MASK_PX, QUADS = (192, 96), (216, 120), (192, 120)
