@@ -37,7 +37,7 @@ def compute_shot_matrix(
     frames, log : as the run's frame table has them. alive : is called now and then, and may raise
     to end the work. crossed : whether `RealisedMatrix.crossed` and `slow` are wanted, too.
     """
-    projector = record.projector
+    projector, level = record.projector, shot.level or 1.0
     if record.room is not None:  # it has the light of the projector's black
         projector = msgspec.structs.replace(projector, contrast=None)
 
@@ -51,7 +51,8 @@ def compute_shot_matrix(
             close_ns=shot.close_ns,
             fine=fine,
         )
-        return collect_factors(_watched(chunks, alive))
+        factors = collect_factors(_watched(chunks, alive))
+        return factors if level == 1.0 else divide_factors(factors, level)
 
     realised = realise(record.mask, projector, fine=True)
     found = slow = None
@@ -65,11 +66,6 @@ def compute_shot_matrix(
         sides = [_find_crossed(realise_late, sign * row_s, realised) for sign in (1.0, -1.0)]
         found = sides[0], sides[1]
         slow = _find_slow(realise, record.mask, projector, realised)
-    level = shot.level or 1.0
-    if level != 1.0:
-        realised = divide_factors(realised, level)
-        slow = None if slow is None else slow / level
-        found = None if found is None else (found[0] / level, found[1] / level)
     missed = shot.missed if shot.level is None else 0
     return RealisedMatrix(realised, missed, found, slow)
 
@@ -98,8 +94,6 @@ def _find_slow(
     exact_projector = replace(projector, contrast=None)
     alike = (exact_mask, exact_projector) == (mask, projector)
     found = as_believed if alike else realise(exact_mask, exact_projector)
-    if as_believed.apart:  # light along borders of cells is not meant
-        return np.asarray(np.sum(found.left * found.right, axis=0))
     return found.coaxial
 
 
