@@ -87,11 +87,20 @@ def make_difference_set(q: int) -> tuple[int, ...]:
 
     Every number 1 .. v - 1 is the difference of exactly one pair of them, modulo v. They are the
     discrete logarithms, modulo v, of the elements of a plane through 0 in the field of q^3 elements
-    over that of q. `count_plane_lines` has checked q: a power of a prime from 2 to `LARGEST`.
+    over that of q.
+
+    Raises
+    ------
+    RequestError
+        q is no power of a prime from 2 to `LARGEST`.
     """
-    # The smallest base is the prime.
-    prime, exponent = next((p, e) for p in range(2, q + 1) for e in range(1, 6) if p**e == q)
-    degree = 3 * exponent
+    prime = _prime_of(q)
+    if prime is None or q > LARGEST:
+        raise RequestError(
+            f"no projective plane of order {q} is made here",
+            hint=f"take a power of a prime up to {LARGEST}",
+        )
+    degree = 3 * next(e for e in range(1, 6) if prime**e == q)
     powers = _powers(prime, degree)
     # Numbers with the digits of elements, so that the logarithm is a table.
     place = prime ** np.arange(degree)

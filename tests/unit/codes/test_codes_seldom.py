@@ -120,6 +120,12 @@ def test_planes_keep_their_lines(q: int, wanted: tuple[int, ...]) -> None:
     assert found[: len(wanted)] == wanted and len(found) == q + 1
 
 
+@pytest.mark.parametrize("q", [6, 32, 37])
+def test_orders_that_are_no_powers_of_primes_or_too_large_have_none(q: int) -> None:
+    with pytest.raises(RequestError, match=f"order {q}"):
+        make_difference_set(q)
+
+
 @pytest.mark.parametrize(
     ("count", "hint"),
     [(6, "take 7 codes"), (8, "take 7 or 14 codes"), (15, "take 14 or 21 codes")],
