@@ -34,8 +34,9 @@ def show_live_view(args: argparse.Namespace) -> int:
 
     def take(frame: LiveFrame) -> bool:
         last[:] = [frame]
-        told = {name: getattr(frame, name) for name in _FIGURES}
-        return shown.show(lambda: told, lambda: _describe(frame))
+        return shown.show(
+            lambda: {name: getattr(frame, name) for name in _FIGURES}, lambda: _describe(frame)
+        )
 
     client = find_daemon(args)
     if client is None:

@@ -95,9 +95,13 @@ def _begin(
 
 def _show(shown: LiveFigures, goal: str, frame: StreamFrame) -> bool:
     """Show the figures of a picture; returns whether enough were seen."""
-    told = msgspec.structs.asdict(frame)
+
+    def list_figures() -> dict[str, object]:
+        told = msgspec.structs.asdict(frame)
+        return {name: told[name] for name in told if name not in _HELD_BACK}
+
     return shown.show(
-        lambda: {name: told[name] for name in told if name not in _HELD_BACK},
+        list_figures,
         lambda: f"{goal}: {describe_stream_frame(frame)}",
         at_once=bool(frame.spoilt),
     )
