@@ -35,13 +35,19 @@ class OwnCells(CellGrid):
         """Points (..., 2) of the scene's field -> of the field that the codes fill."""
         return self.setting.drawn.projector.map.to_field(self.setting.on_projector(points))
 
-    def before(self, seen: Floats, lit: Floats) -> NDArray[np.int32]:
-        """Cells of the points `lit` (n, 2), whose light is seen at the points `seen` (n, 2), as
-        numbers from 1 on; `CLOSED` where `seen` lies beside the field. Light that a blur brings
-        from beside the field counts to the nearest cell."""
-        passed = self.at(*self.on_field(seen).T) != NO_SITE
+    def passes(self, seen: Floats) -> NDArray[np.bool_]:
+        """Which points of the scene's field (n, 2) lie in that of the codes."""
+        return np.asarray(self.at(*self.on_field(seen).T) != NO_SITE)
+
+    def before(
+        self, passed: NDArray[np.bool_], lit: tuple[Floats, Floats], lit_px: tuple[Floats, Floats]
+    ) -> NDArray[np.int32]:
+        """Cells of the points that the pixels `lit_px` light, as numbers from 1 on; `CLOSED` where
+        they are not seen. Light that a blur brings from beside the field counts to the nearest
+        cell. On the axis pixels light what lies behind them; there are no own cells off it."""
+        places = self.setting.drawn.projector.map.to_field(np.stack(lit_px, axis=-1))
         with np.errstate(invalid="ignore"):
-            nearest = np.clip(np.nan_to_num(self.on_field(lit)), 0.0, np.nextafter(1.0, 0.0))
+            nearest = np.clip(np.nan_to_num(places), 0.0, np.nextafter(1.0, 0.0))
         return np.where(passed, self.at(*nearest.T) + 1, CLOSED).astype(np.int32)
 
     def inside(self, points: Floats) -> NDArray[np.bool_]:

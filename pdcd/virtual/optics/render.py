@@ -7,6 +7,7 @@ picture, so it is computed once, and kept where that does not take too much memo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -126,13 +127,13 @@ class _Runs:
 
 @dataclass(frozen=True)
 class _Part:
-    """The weights of sights in the quads of a chunk, through one tap.
+    """The weights of sights in the quads of a chunk, sorted by quad.
 
-    sight : (P,) int32
+    quad, sight : (P,) int32
     direct, indirect : (P, corners, 1 or 3)
     """
 
-    runs: _Runs
+    quad: NDArray[np.int32]
     sight: NDArray[np.int32]
     direct: Floats
     indirect: Floats
@@ -141,7 +142,32 @@ class _Part:
     def nbytes(self) -> int:
         """Memory that keeping it takes."""
         both = self.indirect.nbytes + (self.direct is not self.indirect) * self.direct.nbytes
-        return both + self.sight.nbytes + self.runs.first.nbytes + self.runs.quads.nbytes
+        return both + self.sight.nbytes + self.quad.nbytes
+
+    @classmethod
+    def merge(cls, parts: Sequence[_Part]) -> _Part:
+        """The sum of parts, with each sight once in a quad: taps beside each other, and the rows of
+        samples of a quad, see much the same sights."""
+        quad, sight = (np.concatenate([getattr(p, n) for p in parts]) for n in ("quad", "sight"))
+        order = np.lexsort((sight, quad))
+        quad, sight = quad[order], sight[order]
+        new = np.ones(quad.size, dtype=np.bool_)
+        new[1:] = (quad[1:] != quad[:-1]) | (sight[1:] != sight[:-1])
+        starts = np.flatnonzero(new)
+
+        def add(weights: list[Floats]) -> Floats:
+            return np.asarray(np.add.reduceat(np.concatenate(weights)[order], starts, axis=0))
+
+        indirect = add([part.indirect for part in parts])
+        same = all(part.direct is part.indirect for part in parts)
+        direct = indirect if same else add([part.direct for part in parts])
+        return cls(quad[starts], sight[starts], direct, indirect)
+
+    def sum_light(self, weights: Floats, values: Floats) -> Floats:
+        """Light of quads (quads, 3): values (K, corners, 3) times weights (P, corners, 1 or 3)."""
+        seen = np.einsum("pkc,pkc->pc", weights, values[self.sight])
+        first = np.flatnonzero(np.diff(self.quad, prepend=-1))
+        return np.asarray(np.add.reduceat(seen, first, axis=0))
 
 
 @dataclass(frozen=True)
@@ -156,7 +182,7 @@ class _Open:
 
 @dataclass(frozen=True)
 class _Chunk:
-    parts: list[_Part]
+    part: _Part
     opened: _Open | None
 
 
@@ -195,14 +221,13 @@ class Renderer:
         both = direct + indirect
         for number, span in enumerate(self._looks.chunks()):
             chunk = self._chunk(number, span)
-            light = np.zeros(((span[1] - span[0]) * cols, COLOUR_COUNT))
-            for part in chunk.parts:
-                if self._detail.split:
-                    light += _sums(part, part.direct, direct)
-                    light += _sums(part, part.indirect, indirect)
-                else:
-                    # Where only the cells' light differs, one gather brings both.
-                    light += _sums(part, part.indirect, both)
+            part = chunk.part
+            if self._detail.split:
+                light = part.sum_light(part.direct, direct)
+                light += part.sum_light(part.indirect, indirect)
+            else:
+                # Where only the cells' light differs, one gather brings both.
+                light = part.sum_light(part.indirect, both)
             if chunk.opened is not None and picture.ambient is not None:
                 opened, (open_s, ambient) = chunk.opened, picture.ambient
                 there = np.append(ambient, np.zeros((1, COLOUR_COUNT)), axis=0)[opened.cell]
@@ -232,10 +257,10 @@ class Renderer:
             self._part(span, which, sight, tap, x, y)
             for which, (tap, sight) in enumerate(zip(self._setting.taps, sights, strict=True))
         ]
-        chunk = _Chunk(parts, self._open(sights[0], x, y) if self._ambient else None)
-        size = sum(part.nbytes for part in parts)
-        if size <= self._room:
-            self._room -= size
+        part = _Part.merge(parts)
+        chunk = _Chunk(part, self._open(sights[0], x, y) if self._ambient else None)
+        if part.nbytes <= self._room:
+            self._room -= part.nbytes
             self._kept[number] = chunk
         return chunk
 
@@ -268,7 +293,8 @@ class Renderer:
                 place = (self._by_quad(v).ravel() for v in self._looks.on_projector(span, which))
                 lit = sample_pixels(uneven, *place, missing=0.0)
             direct = weights(textures and textures[0], lit)
-        return _Part(runs, sight.ravel()[runs.first], direct, indirect)
+        quad = (runs.first // self._setting.samples**2).astype(np.int32)
+        return _Part(quad, sight.ravel()[runs.first], direct, indirect)
 
     def _open(self, sight: NDArray[np.int32], x: Floats, y: Floats) -> _Open:
         plain = CellGrid(self._cells.grid, smooth=False)
@@ -283,9 +309,3 @@ class Renderer:
         cols, per_quad = self._setting.frame[1], self._setting.samples
         rows = samples.reshape(-1, per_quad, cols, per_quad)
         return rows.transpose(0, 2, 1, 3).reshape(-1, per_quad**2)
-
-
-def _sums(part: _Part, weights: Floats, values: Floats) -> Floats:
-    """Light of quads (quads, 3): values (K, corners, 3) times weights (P, corners, 1 or 3)."""
-    seen = np.einsum("pkc,pkc->pc", weights, values[part.sight])
-    return np.asarray(np.add.reduceat(seen, part.runs.quads, axis=0))

@@ -84,10 +84,17 @@ class CellGrid:
             found[~inside] = NO_SITE
         return found
 
-    def before(self, seen: Floats, lit: Floats) -> NDArray[np.int32]:
-        """The cell of the points `lit` (n, 2), whose light is seen at the points `seen` (n, 2). It
-        is used in place of a site of the mask."""
-        return np.maximum(self.at(*lit.T), 0)
+    def passes(self, seen: Floats) -> NDArray[np.bool_]:
+        """Which points of the field (n, 2) a mask of these cells lets the camera see."""
+        return np.ones(len(seen), dtype=np.bool_)
+
+    def before(
+        self, passed: NDArray[np.bool_], lit: tuple[Floats, Floats], lit_px: tuple[Floats, Floats]
+    ) -> NDArray[np.int32]:
+        """The cell of points, whose light is seen at points that `passed` (n,) says of. It is used
+        in place of a site of the mask. lit, lit_px : x and y of the points, (n,) each, on the field
+        and in pixels of the projector."""
+        return np.maximum(self.at(*lit), 0)
 
     def shares(self, x: Floats, y: Floats) -> Floats:
         """How much each corner of the place of points (n,) counts there, (n, 4)."""
@@ -297,18 +304,19 @@ def find_sights(
     places, sites = cells.places + 1, len(lit) + 1
     for chunk in looks.chunks():
         x, y = looks.on_field(chunk)
-        before = (
-            np.zeros(x.size, dtype=np.int32)
-            if mask is None or isinstance(mask, CellGrid)
-            else sample_pixels(mask.image, *looks.on_mask(chunk), missing=0)
-        )
+        before = np.zeros(x.size, dtype=np.int32)
+        if isinstance(mask, PanelSites):
+            before = sample_pixels(mask.image, *looks.on_mask(chunk), missing=0)
+        elif mask is not None:
+            passed = mask.passes(np.stack((x, y), axis=-1))
         of_taps = []
         for number, tap in enumerate(setting.taps):
-            behind = sample_pixels(lit.image, *looks.on_projector(chunk, number), missing=NO_SITE)
+            lit_px = looks.on_projector(chunk, number)
+            behind = sample_pixels(lit.image, *lit_px, missing=NO_SITE)
             there = x + tap.offset[0], y + tap.offset[1]
             at = cells.at(*there)
             if isinstance(mask, CellGrid):
-                before = mask.before(np.stack((x, y), axis=-1), np.stack(there, axis=-1))
+                before = mask.before(passed, there, lit_px)
             starts = find_changes(before, behind, at)
             key = before[starts] * np.int64(sites) + behind[starts] + 1
             key = key * places + at[starts] + 1
