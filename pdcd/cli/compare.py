@@ -72,7 +72,7 @@ def _by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
     if method == "coded":
         return request
     # Without a mask there is no mask leak to subtract, and no coded photo to guide.
-    return msgspec.structs.replace(request, method=method, pilot=0, prior=None, black_level="none")
+    return msgspec.structs.replace(request, method=method, pilot=0, prior=None, black_level="auto")
 
 
 def _compared_row(method: MethodName, result: CaptureResult) -> dict[str, Any]:

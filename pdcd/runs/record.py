@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
@@ -183,8 +183,12 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     leak: NonNegative = 0.0
     """RMS error of the answer, relative to its RMS, by ambient light and leaks that a dark photo
     showed and that were not subtracted."""
+    leaks_unseen: Literal["no", "declined", "missing"] = "no"
+    """Whether there may be such light that nothing showed: black exposures without a dark photo
+    were asked for ("declined"), or the dark photo could not be taken, or not yet ("missing")."""
     room_changed: NonNegative = 0.0
-    """The same by the change of the room's light between dark photos before and after the shots."""
+    """The same RMS error by the change of the room's light between dark photos before and after the
+    shots."""
     grey_unknown: tuple[str, ...] = ()
     """Panels that showed grey levels whose light is not known."""
 

@@ -12,6 +12,7 @@ from pdcd.arrays import Floats
 from pdcd.pictures.picture import ErrorCause
 from pdcd.recipes.parts import FLOODLIT
 from pdcd.recipes.recipe import Extremes
+from pdcd.runs.record import RunRecord
 from pdcd.verdict.causes import Cause, Grade, VerdictFinding, judge
 from pdcd.verdict.evidence import Evidence, compute_rms
 
@@ -60,11 +61,23 @@ def judge_answer(seen: Evidence) -> Iterator[VerdictFinding]:
             share = _error_by_single_paths(seen, image)
             yield from judge(Cause.CODES_UNMEASURED, share, advice=advice)
     yield from judge(Cause.LEAKS_LEFT, record.leak)
+    yield from _judge_unseen_leaks(record, whole=made.kind == "whole")
     yield from judge(Cause.ROOM_CHANGED, record.room_changed)
     if FLOODLIT in seen.pictures:
         lit, both = seen.pictures[FLOODLIT], seen.pictures["white"]
         variance = seen.inside(lit.sensor) ** 2 + seen.inside(both.sensor) ** 2
         yield from judge_pair_sum(seen.inside(both.image), seen.inside(lit.image), variance)
+
+
+def _judge_unseen_leaks(record: RunRecord, *, whole: bool) -> list[VerdictFinding]:
+    """Ambient light and leaks that no photo shows. Codes count them several times; a `whole` photo,
+    without codes, has them once, and who declined the dark photo may want them in it."""
+    if record.leaks_unseen == "no":
+        return []
+    grade = Grade.REMARK if whole and record.leaks_unseen == "declined" else Grade.DOUBTFUL
+    light = {"mask": "ambient light", "ambient": "what a closed mask lets through"}
+    told = light.get(record.how.black_level, "ambient light and leaks")
+    return judge(Cause.LEAKS_UNSEEN, grade=grade, light=told)
 
 
 def judge_noise(image: Floats, sigma: Floats, sensor: Floats) -> Iterator[VerdictFinding]:

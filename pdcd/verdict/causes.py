@@ -237,6 +237,9 @@ class Cause(Enum):
     LEAKS_LEFT = VerdictRow(0.05, 0.3,
         "ambient light and leaks are {figure} of the answer and were not subtracted (limit "
         "{limit}); darken the room, or take black exposures")
+    LEAKS_UNSEEN = VerdictRow(YES, NEVER,
+        "no dark photo was taken that would show {light}, and any of it is in the picture; capture "
+        "with black level auto or both")
     # Nobody knows which photos saw the change, so that the answer may be right.
     ROOM_CHANGED = VerdictRow(0.05, NEVER,
         "the room's light changed between the dark photos before and after: the difference makes "

@@ -90,7 +90,9 @@ def _list_causes(seen: Evidence, light: float) -> Iterator[tuple[str, float | No
         ),
     )
     leaks = math.hypot(record.leak, record.room_changed)
-    if leaks:
+    if record.leaks_unseen != "no":
+        yield "leaks", None, "no dark photo shows them all"
+    elif leaks:
         yield "leaks", leaks, "light in the dark photos that was not subtracted, or that changed"
 
 

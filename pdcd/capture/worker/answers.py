@@ -210,6 +210,7 @@ def make_run_record(
         panels=panels,
         borders=borders,
         leak=_left(plan.leaks, plan.how),
+        leaks_unseen=_find_unseen_leaks(plan),
         room_changed=0.0 if plan.leaks is None else plan.leaks.changed,
         grey_unknown=find_unknown_grey_panels(plan.patterns.values(), config),
     )
@@ -282,6 +283,15 @@ def _left(leaks: LeakErrors | None, how: CaptureScheme) -> float:
     if leaks is None or leaks.both <= leaks.limit or how.black_level != "none":
         return 0.0
     return leaks.both
+
+
+def _find_unseen_leaks(plan: Plan) -> Literal["no", "declined", "missing"]:
+    """Whether nothing shows if ambient light or leaks are in the answer. A transport matrix has an
+    unknown for them."""
+    both = plan.how.black_level == "both"
+    if plan.leaks is not None or both or plan.recipe.target.goal.name == "transport":
+        return "no"
+    return "declined" if plan.look is None else "missing"
 
 
 def compute_rms_sigma(picture: Picture) -> float:

@@ -44,6 +44,9 @@ def test_ambient_light_is_found_and_taken_off(tmp_path: Path) -> None:
     made = take(bench(tmp_path, ambient=0.3))
     manifest = made.manifest
     assert plain.error > 0.5 and made.error < 0.02
+    assert plain.manifest.run.leaks_unseen == "declined" and plain.quality.verdict != "good"
+    assert any("no dark photo was taken" in text for text in plain.quality.reasons)
+    assert not any("no dark photo" in text for text in made.quality.reasons)
     assert manifest.run.how.black_level == manifest.plan["black_level"] == "ambient"
     leaks = manifest.plan["leaks"]
     assert leaks["both"] == pytest.approx(plain.error, rel=0.05)

@@ -389,7 +389,7 @@ def test_direct_light_of_unequal_weight(tmp_path: Path, goal: str, skew_s: float
     the next: right on average, as the photo is scaled by that, and wrong in every cell."""
     mask = PanelConfig(size_px=(1600, 1200), skew_s=skew_s)
     asked: dict[str, Any] = {"codes": 256, "shift": (0, 1)} if goal == "descattered" else {}
-    found = verdict(tmp_path, goal=goal, mask=mask, guards=True, black_level="none", **asked)
+    found = verdict(tmp_path, goal=goal, mask=mask, guards=True, **asked)
     late = skew_s > 0.01
     assert any("from cell to cell" in text for text in found.reasons) == late, found
     assert (found.verdict == "good") != late

@@ -28,7 +28,7 @@ def test_all_methods_are_asked_for_over_the_socket(monkeypatch: pytest.MonkeyPat
     asked = requests(daemon.asked)
     assert [r.method for r in asked] == ["multi-image", "nayar", "coded"]
     assert [r.pilot for r in asked] == [0, 0, 4]
-    assert [r.black_level for r in asked] == ["none", "none", "mask"]
+    assert [r.black_level for r in asked] == ["auto", "auto", "mask"]
     assert {r.seed for r in asked} == {3}
 
 
