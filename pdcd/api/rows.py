@@ -41,7 +41,7 @@ _SUMMARY: tuple[tuple[str, str, Callable[[_Value], str]], ...] = (
     (
         "rms_error_quads",
         "RMS error",
-        lambda e: f"{to_percent(e)} of pixels, against the known truth",
+        lambda e: f"{to_percent(e)} of quads, against the known truth",
     ),
     ("rms_error_cells", "", lambda e: f"{to_percent(e)} of means over cells"),
     ("transport_sigma", "sigma of T", lambda e: f"{to_percent(e)} of its entries' RMS"),

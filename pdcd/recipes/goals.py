@@ -54,8 +54,8 @@ KEEPS: dict[GoalName, str] = {
     "transport": "entries of T itself: a slice between two rows of cells, or all (Fig. 5)",
 }
 """What each goal keeps. The parameters that it takes are listed with each field of
-`CaptureRequest`. All goals but "illuminated" and "relit" may also be taken under an illumination
-(Table 1, row 7)."""
+`CaptureRequest`. All goals but "transport" may also be taken under an illumination (Table 1,
+row 7)."""
 
 OFF_AXIS_GOALS = ("keyed", "epipolar", "stereo")
 """Goals of benches whose camera is off the projector's axis."""

@@ -160,7 +160,7 @@ def test_capture_prints_a_table_and_progress_apart(
         "refreshes         480",
         "exposure          8.200 s",
         "missed refreshes  2",
-        "RMS error         1.23 % of pixels, against the known truth",
+        "RMS error         1.23 % of quads, against the known truth",
         "wall time         0.50 s",
         "folder            /runs/x",
     ]

@@ -115,7 +115,7 @@ def test_all_that_is_known_of_a_photo_is_in_its_table(
         ["job", JOB], ["state", "done"], ["verdict", "good"], ["taken", "3 of 4"],
         ["decided", "pilot"], ["codes", "8"], ["refreshes", "480"], ["exposure", "8.250 s"],
         ["missed refreshes", "2"], ["RMS sigma", "1.5 % of the picture"], ["error bars", "?"],
-        ["RMS error", "1.23 % of pixels, against the known truth"],
+        ["RMS error", "1.23 % of quads, against the known truth"],
         ["sigma of T", "25 % of its entries' RMS"],
         ["error of T", "12.5 % against the scene's known truth"], ["predicted", "3 %"],
         ["wall time", "0.12 s"], ["folder", "/r"], ["to look at", "/r/preview/high.png"],
