@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import secrets
 import stat
 import tempfile
@@ -12,6 +13,15 @@ from pathlib import Path
 
 from pdcd.errors import RequestError, disk_errors
 from pdcd.files.system import system
+
+_UNFINISHED = re.compile(r"\.(?P<name>.+)\.[0-9a-f]{8}", re.DOTALL)
+
+
+def read_final_name(name: str) -> str:
+    """The name that a file would have got, of which `write_atomic` leaves an unfinished one where
+    the whole process is killed; the name itself for any other file."""
+    found = _UNFINISHED.fullmatch(name)
+    return name if found is None else found["name"]
 
 
 def replace_file(path: Path, data: bytes, *, durable: bool = False) -> None:
@@ -50,7 +60,7 @@ def write_atomic(
     Raises RequestError when there is a file of that name that must not be replaced, or a device;
     NoSpaceError; and DiskError for any other refusal of the disk. No partial file is left.
     """
-    unfinished = f".{name}.{secrets.token_hex(4)}"
+    unfinished = f".{name}.{secrets.token_hex(4)}"  # as `read_final_name` reads it
     flags = system.O_WRONLY | system.O_CREAT | system.O_EXCL | system.O_NOFOLLOW | system.O_CLOEXEC
     with disk_errors(str(Path(shown) / name)):
         descriptor = system.open(unfinished, flags, 0o644, dir_fd=folder)

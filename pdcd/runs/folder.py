@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 from pdcd.bench.calibration import format_digest_line
 from pdcd.errors import DecodeError, DiskError, NoSpaceError, PdcdError, disk_errors
 from pdcd.files.inside import open_folder, open_inner_file, read_inner_file
+from pdcd.files.put import read_final_name
 from pdcd.files.reading import hash_open_file
 from pdcd.files.system import locks, path_of
 from pdcd.files.text import encode_json
@@ -365,5 +366,6 @@ def name_row_file(photo: str, cell: tuple[int, int]) -> str:
 
 
 def is_made_later(name: str) -> bool:
-    """Whether a file of that name, relative to the run's folder, may have been made later."""
-    return _LATER.fullmatch(name) is not None
+    """Whether a file of that name, relative to the run's folder, may have been made later, or was
+    left unfinished when a program was killed that made it."""
+    return _LATER.fullmatch(read_final_name(name)) is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -196,6 +197,19 @@ def test_verify_on_the_command_line(
     ]
     assert main(["decode", str(run)]) == 5
     assert "pdcd verify" in capsys.readouterr().err
+
+
+def test_a_page_that_a_killed_program_left_unfinished_is_no_fault(run: Path) -> None:
+    kill = "import os; from pdcd.files import put; put.system.rename = lambda *a, **k: os._exit(9)"
+    write = f"from pathlib import Path; put.replace_file(Path({str(run)!r}) / NAME, b'half a page')"
+    for name in ("report.html", "capture.html"):
+        done = subprocess.run([sys.executable, "-c", f"{kill}; NAME = {name!r}; {write}"])
+        assert done.returncode == 9
+    (of_page,) = run.glob(".report*")
+    (of_another,) = run.glob(".capture*")
+    found = verify_run(run)
+    assert found.later == (of_page.name,)
+    assert [finding.path for finding in found.findings] == [of_another.name]
 
 
 def test_what_is_made_later_to_look_at_is_named_and_nothing_else(run: Path) -> None:
