@@ -105,10 +105,10 @@ class Darkroom:
         arrays = {k[5:]: array for k, array in self._stored.items() if k.startswith("goal.")}
         self._recipe = make_recipe(make_target(record.goal, record.grid, arrays), record.how)
         self._planned = {shot.name: shot for shot in self._recipe.shots}
-        self._of_indirect = {
+        self._without_direct = {
             name
             for photo in self._recipe.photos
-            if photo.wanted.uniform == (0.0, 1.0)
+            if not photo.wanted.diagonal().any()
             for sign, name in photo.shots
             if sign > 0.0
         }
@@ -380,7 +380,7 @@ class Darkroom:
             pair = self._pair(self._planned[shot.name])
             frames, log = self._table.of(shot, pair, grid=self._record.grid)
             alive()
-            crossed = shot.name in self._of_indirect
+            crossed = shot.name in self._without_direct
             self._matrices[shot.name] = compute_shot_matrix(
                 self._record, shot, frames, log, alive, crossed=crossed
             )

@@ -30,10 +30,13 @@ WHITE_BLOCK_PHOTO, PROJECTOR_BLOCK_PHOTO, MASK_BLOCK_PHOTO = (
 """The photos, as their RAW files are called; the first only where a run has no white shot."""
 
 
+OFF_AXIS = "on an off-axis bench direct light comes from elsewhere, so that blocks do not show it"
+"""Why panels cannot be checked."""
+
+
 def is_panel_check_needed(plan: Plan, config: Config) -> bool:
-    """Whether it matters to the photos of a plan that both panels lie alike, and a look can show
-    it: on an off-axis bench direct light comes from elsewhere."""
-    if not config.rig.look_at_panels or config.rig.arrangement == "off-axis":
+    """Whether it matters to the photos of a plan that both panels lie alike."""
+    if not config.rig.look_at_panels:
         return False
     return any(has_code_mask(program) for program in plan.recipe.programs.values())
 

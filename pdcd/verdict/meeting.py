@@ -61,7 +61,7 @@ def judge_meeting(
     coded : (N,), its shares by photos of codes, NaN where they cannot be computed. single : photos
     of one code each through an open mask, none or at least two.
     """
-    by_parts = measure_crossed_light(seen)
+    by_parts = measure_crossed_light(seen, single)
     found = _compare_direct_light(seen, coded, single)
     if by_parts is None or (found and found[0].grade is Grade.BAD):
         return found

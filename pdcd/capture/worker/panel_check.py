@@ -16,6 +16,7 @@ from pdcd.pictures.misplaced import BlockPhotos, find_panel_places, quad_px
 from pdcd.planning.metering import pick_aperture
 from pdcd.planning.panel_look import (
     MASK_BLOCK_PHOTO,
+    OFF_AXIS,
     PROJECTOR_BLOCK_PHOTO,
     WHITE_BLOCK_PHOTO,
     BlockFrames,
@@ -53,6 +54,8 @@ class PanelCheck:
         shots : those taken, including the white one if the plan has any.
         """
         config, shot = self._facts.config, find_white_shot(plan)
+        if config.rig.arrangement == "off-axis":
+            return _nobody_looked(OFF_AXIS)
         exposure = yield from self._exposure(plan)
         if shot is None:
             white, exposure = yield from self._take_white(exposure)

@@ -33,8 +33,10 @@ def told(
         past = (late + known) * after[part] + early * before[part]
         light[part] = photo / weight + past * direct
     light *= 1.0 + noise * random.normal(size=light.shape)
-    all_light = transport.sum(axis=1)
-    return compute_crossed_light(light, known * after, (after, before), all_light, GRID)
+    believed = known * after
+    left = np.maximum(transport.sum(axis=1) - light.mean(axis=0), 0.0)
+    shown = left / (1.0 - believed.mean(axis=0))
+    return compute_crossed_light(light, believed, (after, before), shown, GRID)
 
 
 @pytest.mark.parametrize("known", [0.0, 0.1])
