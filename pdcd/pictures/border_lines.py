@@ -29,7 +29,7 @@ _REACH = 0.01
 """Share of a cell's side that counts as its border."""
 _PASSED = 1.0 / np.sqrt(2.0 * np.pi)
 """Light that crosses a border, over the blur: the integral of a normal tail on either side."""
-_FEWEST_QUADS, _ENOUGH_QUADS = 2.5, 8.0
+FEWEST_LINE_QUADS, _ENOUGH_QUADS = 2.5, 8.0
 """Quads along a side of a cell from which lines can be seen, and to which finer ones are binned."""
 _BESIDE = 1.5
 """Standard deviation, in quads, of the weighted mean that a line is compared with."""
@@ -52,7 +52,7 @@ def measure_border_blur(
 
     Caller: `pdcd.pictures.darkroom`, for the error bars and the verdict.
     """
-    if cells.map is None or cells.quad_cells * _FEWEST_QUADS**2 > 1.0:
+    if cells.map is None or cells.quad_cells * FEWEST_LINE_QUADS**2 > 1.0:
         return 0.0
     alone = {
         photo.name: pictures[name]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+import msgspec
 import numpy as np
 
 from pdcd.arrays import Bools, Floats
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
+from pdcd.pictures.border_lines import FEWEST_LINE_QUADS
 from pdcd.pictures.lost_direct import (
     LostDirectLight,
     blur_with_lines_px,
@@ -34,6 +36,8 @@ _FLIPS = {
 }
 _LEAST_DEG, _LEAST_SCALE = 0.05, 0.002
 """Turn and change of size from which they are mentioned."""
+_UNSEEN_BLUR = 0.2
+"""Least blur that photos of blocks show, in quads."""
 _HOPELESS = 0.5
 """Share of direct light through wrong cells from which photos no longer measure direct light."""
 _HARDLY = 0.05
@@ -54,7 +58,8 @@ def judge_blocks(seen: Evidence, look: PanelLook) -> Iterator[VerdictFinding]:
             light = seen.inside(direct.image) / (1.0 - lost.mean)
         return lost.rms * float(np.sqrt(np.nanmean(light**2))) / answer
 
-    yield from _judge_look(record, look, seen.window, share)
+    found = list(_judge_look(record, look, seen.window, share))
+    yield from found or _judge_unseen_blur(seen, look, share)
     beside = find_quads_beside_mask(record, seen.cells)
     if beside is not None and beside.any():
         part = float(np.count_nonzero(beside & seen.cells.known)) / max(
@@ -62,6 +67,25 @@ def judge_blocks(seen: Evidence, look: PanelLook) -> Iterator[VerdictFinding]:
         )
         missing = _missing_share(beside, seen.cells.known, image, seen.thin.step)
         yield from judge(Cause.BESIDE_MASK, missing, part=part)
+
+
+def _judge_unseen_blur(
+    seen: Evidence, look: PanelLook, share: Callable[[LostDirectLight], float]
+) -> list[VerdictFinding]:
+    """What a blur would do that neither blocks nor lines along borders show, as cells have too few
+    quads; nothing where a calibration measured both maps, and with them the blur."""
+    record, quads = seen.record, seen.cells.quad_cells**-0.5
+    if look.mask is None or quads >= FEWEST_LINE_QUADS or _is_measured(record):
+        return []
+    blur_px = _UNSEEN_BLUR * mean_cell_px(record) / quads
+    hidden = msgspec.structs.replace(look, blur_px=max(blur_px, look.blur_px))
+    lost = estimate_lost_direct(msgspec.structs.replace(record, panels=hidden), seen.window)
+    return judge(Cause.BLUR_UNSEEN, share(lost), blur_px=blur_px, quads=quads)
+
+
+def _is_measured(record: RunRecord) -> bool:
+    """Whether a calibration has measured where mask and camera lie."""
+    return record.mask.place.map is not None and record.camera_place.map is not None
 
 
 def list_placement_warnings(record: RunRecord, window: str) -> list[str]:
@@ -85,8 +109,7 @@ def _judge_look(
 ) -> Iterator[VerdictFinding]:
     """Findings on both panels and the camera. share : error of the answer by lost direct light."""
     size_px, cell_px = record.projector.field_size_px, mean_cell_px(record)
-    measured = record.mask.place.map is not None and record.camera_place.map is not None
-    yield from judge_unseen_panels(look, measured=measured)
+    yield from judge_unseen_panels(look, measured=_is_measured(record))
     lost = estimate_lost_direct(record, window, blurred=False)
     unsure_px = finding_error_px(record)
     placed = judge_mask_place(look, record.mask, size_px, lost, share(lost), cell_px, unsure_px)
