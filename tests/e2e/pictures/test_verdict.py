@@ -332,8 +332,8 @@ def test_far_light_by_a_slow_mask_is_told_without_a_white_photo(
     tmp_path: Path, mask: str, sound: bool
 ) -> None:
     (tmp_path / "truth.toml").write_text(mask)
-    asked = {"goal": "long-range", "radius": 2, "codes": 240, "out": str(tmp_path / "run")}
-    made = take(late_bench(tmp_path, "open-book", frame_quads=(100, 75)), **asked)
+    config = late_bench(tmp_path, "open-book", frame_quads=(100, 75))
+    made = take(config, goal="long-range", radius=2, codes=240, out=str(tmp_path / "run"))
     assert (made.error < 0.1) == sound
     assert (made.quality.verdict == "good") == sound, made.quality
     assert sound or made.quality.reasons[0].startswith(NOT_MET)
