@@ -71,7 +71,8 @@ def _by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
     """The same request for another method, without options that need codes on both panels."""
     if method == "coded":
         return request
-    # Without a mask there is no mask leak to subtract, and no coded photo to guide.
+    # Without a mask there is no mask leak to subtract, and no coded photo to guide; "auto" looks at
+    # ambient light all the same.
     return msgspec.structs.replace(request, method=method, pilot=0, prior=None, black_level="auto")
 
 

@@ -29,6 +29,8 @@ from pdcd.words import NormaliseName
 if TYPE_CHECKING:
     from pdcd.pictures.border_light import BorderLight, BorderMeasurement
 
+FEWEST_TELLING_PARTS = 3
+"""Least number of parts that tell of light by how they differ."""
 NO_PICTURES: Mapping[str, Picture] = MappingProxyType({})
 _LEAST_OPEN = 1e-6
 """Time of an open mask over a photo's weight that counts as none: black exposures are as long as
@@ -148,6 +150,20 @@ def _border_of(realised: Factors, of_quads: QuadWeights, cells: CellMap) -> Bord
 def _unmixes(photo: RecipePhoto, white: list[str]) -> bool:
     """Whether direct light is taken out: of indirect light, where there is a white photo."""
     return bool(white) and photo.wanted.uniform == (0.0, 1.0)
+
+
+def find_telling_photo(recipe: Recipe) -> RecipePhoto | None:
+    """The photo of an answer whose parts tell of direct light that gets past the codes: of all
+    indirect light, beside a white photo; else the only one, if it has no direct light. None for
+    other answers, and for too few parts. For darkrooms, and the verdict on codes that do not meet.
+    """
+    photos = recipe.answer_photos
+    found = [photo for photo in photos if photo.wanted.uniform == (0.0, 1.0)]
+    if not list_white_photos(recipe) or not found:
+        found = [photo for photo in photos if not photo.wanted.diagonal().any()]
+        found = found if len(photos) == 1 else []
+    added = sum(sign > 0.0 for photo in found[:1] for sign, _ in photo.shots)
+    return found[0] if added >= FEWEST_TELLING_PARTS else None
 
 
 def list_white_photos(recipe: Recipe) -> list[str]:

@@ -23,6 +23,7 @@ from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import Patterns, make_empty_patterns
 from pdcd.pictures.bars import make_pictures_with_errors
 from pdcd.pictures.border_lines import measure_border_blur
+from pdcd.pictures.combine import find_telling_photo
 from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.exposed import AmbientLight, ExposedShot, RawShot, refuse_unlike
 from pdcd.pictures.full import find_full_quads
@@ -105,10 +106,11 @@ class Darkroom:
         arrays = {k[5:]: array for k, array in self._stored.items() if k.startswith("goal.")}
         self._recipe = make_recipe(make_target(record.goal, record.grid, arrays), record.how)
         self._planned = {shot.name: shot for shot in self._recipe.shots}
-        self._without_direct = {
+        telling = find_telling_photo(self._recipe)
+        self._telling = {
             name
             for photo in self._recipe.photos
-            if not photo.wanted.diagonal().any()
+            if photo is telling or photo.wanted.uniform == (0.0, 1.0)
             for sign, name in photo.shots
             if sign > 0.0
         }
@@ -380,7 +382,7 @@ class Darkroom:
             pair = self._pair(self._planned[shot.name])
             frames, log = self._table.of(shot, pair, grid=self._record.grid)
             alive()
-            crossed = shot.name in self._without_direct
+            crossed = shot.name in self._telling
             self._matrices[shot.name] = compute_shot_matrix(
                 self._record, shot, frames, log, alive, crossed=crossed
             )

@@ -36,9 +36,8 @@ OFF_AXIS = "on an off-axis bench direct light comes from elsewhere, so that bloc
 
 def is_panel_check_needed(plan: Plan, config: Config) -> bool:
     """Whether it matters to the photos of a plan that both panels lie alike."""
-    if not config.rig.look_at_panels:
-        return False
-    return any(has_code_mask(program) for program in plan.recipe.programs.values())
+    coded = any(has_code_mask(program) for program in plan.recipe.programs.values())
+    return coded and config.rig.look_at_panels
 
 
 def find_white_shot(plan: Plan) -> Shot | None:

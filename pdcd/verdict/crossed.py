@@ -15,14 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdcd.arrays import Floats
+from pdcd.pictures.combine import FEWEST_TELLING_PARTS, find_telling_photo
 from pdcd.pictures.slow_light import fit_part_differences, number_patches
 from pdcd.probing.deviation import weight_s
-from pdcd.recipes.recipe import RecipePhoto
 from pdcd.verdict.evidence import Evidence, compute_rms
 from pdcd.verdict.placement import LightSample
 
-_FEWEST_PARTS = 3
-"""Least number of parts for an estimate."""
 _SURE = 4.0
 """Standard deviations from which light counts as getting past the codes."""
 
@@ -42,7 +40,7 @@ def measure_crossed_light(seen: Evidence, single: Sequence[LightSample]) -> Cros
     on panels. single : photos of one code each through an open mask, which stand in for a white
     photo."""
     white = [p for p in seen.decoded.recipe.photos if p.wanted.uniform == (1.0, 1.0)]
-    photo = _find_photo(seen, white=bool(white))
+    photo = find_telling_photo(seen.decoded.recipe)
     if photo is None:
         return None
     samples = {
@@ -52,7 +50,7 @@ def measure_crossed_light(seen: Evidence, single: Sequence[LightSample]) -> Cros
     }
     weights_s = {name: weight_s(one.realised, photo.wanted) for name, one in samples.items()}
     names = [name for name, weight in weights_s.items() if weight > 0.0]
-    if len(names) < _FEWEST_PARTS:
+    if len(names) < FEWEST_TELLING_PARTS:
         return None
     light, believed, late, early = (
         np.stack([one / weights_s[name] for name, one in zip(names, each, strict=True)])
@@ -63,52 +61,26 @@ def measure_crossed_light(seen: Evidence, single: Sequence[LightSample]) -> Cros
         )
     )
     whole = [seen.sample(white[-1].shots)] if white else single
-    by_blocks = not (white and _is_indirect(photo))
-    direct = _estimate_direct_light(seen, whole, light, believed, by_blocks=by_blocks)
-    if direct is None:
-        return None
-    return compute_crossed_light(light, believed, (late, early), direct, seen.cells.grid)
-
-
-def _find_photo(seen: Evidence, *, white: bool) -> RecipePhoto | None:
-    """The photo of the answer that has all indirect light, beside a white one; else the answer's
-    only photo, if it has no direct light. None for other answers."""
-    indirect = [photo for photo in seen.photos if _is_indirect(photo)]
-    if white and indirect:
-        return indirect[0]
-    alone = len(seen.photos) == 1 and not seen.photos[0].wanted.diagonal().any()
-    return seen.photos[0] if alone else None
-
-
-def _is_indirect(photo: RecipePhoto) -> bool:
-    return photo.wanted.uniform == (0.0, 1.0)
-
-
-def _estimate_direct_light(
-    seen: Evidence,
-    whole: Sequence[LightSample],
-    light: Floats,
-    believed: Floats,
-    *,
-    by_blocks: bool,
-) -> Floats | None:
-    """Direct light of cells, (N,), NaN where it is not known.
-
-    whole : photos that together have all light. light, believed : as of `compute_crossed_light`.
-    by_blocks : whether it is the share of all light that blocks on the projector showed; else it is
-    what `light`, all the indirect light, leaves of it.
-    """
-    look = seen.record.panels
-    if not whole or (by_blocks and look is None):
+    if not whole:
         return None
     full = np.sum([one.realised.coaxial for one in whole], axis=0)
     total = np.sum([one.light for one in whole], axis=0)
     all_light = np.divide(total, full, out=np.full(full.shape, np.nan), where=full > 0.0)
-    if by_blocks and look is not None:
-        return np.asarray(look.direct * all_light)
-    # The light that is believed to get past the codes is subtracted.
-    direct = np.maximum(all_light - light.mean(axis=0), 0.0) / (1.0 - believed.mean(axis=0))
-    return np.asarray(direct)
+    look = seen.record.panels
+    if white and photo.wanted.uniform == (0.0, 1.0):
+        direct = _subtract_indirect_light(all_light, light, believed)
+    elif look is not None:
+        direct = look.direct * all_light  # the share that blocks on the projector showed
+    else:
+        return None
+    return compute_crossed_light(light, believed, (late, early), direct, seen.cells.grid)
+
+
+def _subtract_indirect_light(all_light: Floats, light: Floats, believed: Floats) -> Floats:
+    """Direct light of cells, (N,): what is left of all light, (N,), without that of parts, and
+    without what is believed to get past the codes; `light` and `believed` as below."""
+    left = np.maximum(all_light - light.mean(axis=0), 0.0)
+    return np.asarray(left / (1.0 - believed.mean(axis=0)))
 
 
 def compute_crossed_light(

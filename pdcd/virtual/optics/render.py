@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -148,7 +149,8 @@ class _Part:
     def merge(cls, parts: Sequence[_Part]) -> _Part:
         """The sum of parts, with each sight once in a quad: taps beside each other, and the rows of
         samples of a quad, see much the same sights."""
-        quad, sight = (np.concatenate([getattr(p, n) for p in parts]) for n in ("quad", "sight"))
+        quad = np.concatenate([part.quad for part in parts])
+        sight = np.concatenate([part.sight for part in parts])
         order = np.lexsort((sight, quad))
         quad, sight = quad[order], sight[order]
         new = np.ones(quad.size, dtype=np.bool_)
@@ -166,8 +168,12 @@ class _Part:
     def sum_light(self, weights: Floats, values: Floats) -> Floats:
         """Light of quads (quads, 3): values (K, corners, 3) times weights (P, corners, 1 or 3)."""
         seen = np.einsum("pkc,pkc->pc", weights, values[self.sight])
-        first = np.flatnonzero(np.diff(self.quad, prepend=-1))
-        return np.asarray(np.add.reduceat(seen, first, axis=0))
+        return np.asarray(np.add.reduceat(seen, self._first, axis=0))
+
+    @cached_property
+    def _first(self) -> NDArray[np.intp]:
+        """The first of the entries of each quad."""
+        return np.flatnonzero(np.diff(self.quad, prepend=-1))
 
 
 @dataclass(frozen=True)
