@@ -40,6 +40,8 @@ def send_every_signal(pid: int) -> None:
 def soon(true: Callable[[], bool]) -> bool:
     """Whether that becomes true within the bound."""
     until_s = time.monotonic() + LONG_S
-    while not true() and time.monotonic() < until_s:
+    while not true():  # asked once each time: it may not stay true
+        if time.monotonic() > until_s:
+            return False
         time.sleep(0.005)
-    return true()
+    return True
