@@ -149,10 +149,10 @@ def _fit_slow_light(light: Floats, slow: Floats, patch: NDArray[np.intp]) -> flo
     patches = float(power.sum() ** 2 / np.sum(power**2))
     if patches < _FEWEST_PATCHES:
         return None
-    (off,), (sigma,) = fit_part_differences(light, [slow], patch)
+    (off,), ((variance,),) = fit_part_differences(light, [slow], patch)
     # It may be off in some places alone, as in the rows that panels set last. The error of the mean
     # over all patches grows with their differences.
-    sigma *= math.sqrt(patches / (patches - 1.0))
+    sigma = math.sqrt(variance * patches / (patches - 1.0))
     error = min(math.hypot(off, math.sqrt(patches) * sigma), UNSURE_SLOW_LIGHT)
     return max(error, abs(float(off))) if abs(off) > _SURE * sigma else error
 
@@ -180,12 +180,13 @@ def number_patches(grid: tuple[int, int]) -> NDArray[np.intp]:
 def fit_part_differences(
     light: Floats, more: Sequence[Floats], patch: NDArray[np.intp]
 ) -> tuple[Floats, Floats]:
-    """Least-squares factors of some patterns in the differences between parts, and their standard
-    deviations; all are (P, N). 0 for a pattern that is the same in all parts."""
+    """Least-squares factors of K patterns in the differences between P parts, and their covariance
+    (K, K), from how much each patch of the field would change them. light, and each of `more`:
+    (P, N). 0 for a pattern that is the same in all parts."""
     apart = light - light.mean(axis=0)
     by = np.stack([one - one.mean(axis=0) for one in more])
     inverse = np.linalg.pinv(np.einsum("ipn,jpn->ij", by, by))
     times = inverse @ np.einsum("ipn,pn->i", by, apart)
     pulls = np.sum(by * (apart - np.tensordot(times, by, 1)), axis=1)
     spread = inverse @ np.stack([np.bincount(patch, one) for one in pulls])
-    return times, np.linalg.norm(spread, axis=1)
+    return times, np.asarray(spread @ spread.T)

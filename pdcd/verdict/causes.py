@@ -134,7 +134,7 @@ class Cause(Enum):
         "codes of the panels do not meet: {lost} of the direct light passes under codes that are "
         "not its own, {figure} of the answer (limit {limit}); the mask probably shows its codes "
         "later, earlier or more slowly than configured{elsewhere}: run pdcd calibrate timing, or "
-        "set skew_s, rise_s and fall_s in [mask]")
+        "set skew_s, scan_s, rise_s and fall_s in [mask]")
     NOBODY_LOOKED = VerdictRow(YES, NEVER,
         "the places of panels and camera were not checked: {why}; run pdcd calibrate geometry")
     PROJECTOR_UNSEEN = VerdictRow(YES, NEVER,

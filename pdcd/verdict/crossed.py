@@ -1,18 +1,19 @@
 """Whether the codes of both panels meet in time, from the differences between parts of a photo.
 
-Where the mask is later or earlier than believed, each of its codes meets the one before or after it
-on the projector as well. For how long a cell is then lit through its own mask differs from part to
-part with the order of its codes, which is known. The scene is the same in all parts, and the chance
+Where the mask is later or earlier than believed, all over or in some rows, each of its codes meets
+the one before or after it on the projector as well. For how long a cell is then lit through its own
+mask differs from part to part with the order of its codes, which is known. The scene is the same in all parts, and the chance
 of codes follows another order. So direct light that gets past the codes is measured to a few
 thousandths, however little is known of the scene.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
 from pdcd.pictures.combine import FEWEST_TELLING_PARTS, find_telling_photo
@@ -22,7 +23,13 @@ from pdcd.verdict.evidence import Evidence, compute_rms
 from pdcd.verdict.placement import LightSample
 
 _SURE = 4.0
-"""Standard deviations from which light counts as getting past the codes."""
+"""The RMS of light over that of chance from which it counts as getting past the codes: where they
+meet, it was up to 2.9 on 9 x 12 cells, and up to 2.2 on more."""
+_MOST = 4.0
+"""The same over direct light, from which it is other light: so much would pass without any codes,
+which let a quarter of the indirect light through."""
+_NODES = 5
+"""Nodes, down the field or across it, between which the lateness of panels is interpolated."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +41,13 @@ class CrossedLight:
     share: float
 
 
-def measure_crossed_light(seen: Evidence, single: Sequence[LightSample]) -> CrossedLight | None:
+def measure_crossed_light(
+    seen: Evidence, single: Sequence[LightSample], direct_share: float
+) -> CrossedLight | None:
     """Measured from the parts of a photo without direct light; None where there are too few of
     these, where nothing shows how much direct light there is, or where codes meet. For the verdict
     on panels. single : photos of one code each through an open mask, which stand in for a white
-    photo."""
+    photo. direct_share : of all light, measured without the mask; 0 where it was not."""
     white = [p for p in seen.decoded.recipe.photos if p.wanted.uniform == (1.0, 1.0)]
     photo = find_telling_photo(seen.decoded.recipe)
     if photo is None:
@@ -66,13 +75,10 @@ def measure_crossed_light(seen: Evidence, single: Sequence[LightSample]) -> Cros
     full = np.sum([one.realised.coaxial for one in whole], axis=0)
     total = np.sum([one.light for one in whole], axis=0)
     all_light = np.divide(total, full, out=np.full(full.shape, np.nan), where=full > 0.0)
-    look = seen.record.panels
     if white and photo.wanted.uniform == (0.0, 1.0):
         direct = _subtract_indirect_light(all_light, light, believed)
-    elif look is not None:
-        direct = look.direct * all_light  # the share that blocks on the projector showed
     else:
-        return None
+        direct = direct_share * all_light
     return compute_crossed_light(light, believed, (late, early), direct, seen.cells.grid)
 
 
@@ -98,15 +104,39 @@ def compute_crossed_light(
     """
     known = np.isfinite(direct - light.mean(axis=0))
     light, believed, direct = light[:, known], believed[:, known], direct[known]
-    more = [one[:, known] for one in crossed]
     light = light - believed * direct
-    times, sigma = fit_part_differences(
-        light, [one * direct for one in more], number_patches(grid)[known]
+    answer, all_direct = compute_rms(light.mean(axis=0)), compute_rms(direct)
+    if not (answer > 0.0 and all_direct > 0.0):
+        return None
+    # Panels that set their rows one after another are late in some and early in others.
+    past = max(
+        _measure_past(
+            light,
+            [side[:, known] * direct * near[known] for side in crossed for near in nodes],
+            number_patches(grid)[known],
+        )
+        for nodes in _place_nodes(grid)
     )
-    each = zip(times, sigma, more, strict=True)
-    past = float(sum(n * one.mean() for n, error, one in each if n > _SURE * error))
-    answer = compute_rms(light.mean(axis=0))
-    if not past > 0.0 or not answer > 0.0:
+    past /= all_direct
+    if not 0.0 < past < _MOST:
         return None
     # This light is missing in the direct light that was computed above.
-    return CrossedLight(past / (1.0 + past), past * compute_rms(direct) / answer)
+    return CrossedLight(past / (1.0 + past), past * all_direct / answer)
+
+
+def _measure_past(light: Floats, more: Sequence[Floats], patch: NDArray[np.intp]) -> float:
+    """RMS over cells of the light that varies with parts as some patterns do; 0 if chance may have
+    made it. light, and each pattern: (P, N). patch : (N,)."""
+    times, covariance = fit_part_differences(light, more, patch)
+    mean = np.stack([one.mean(axis=0) for one in more])
+    power = mean @ mean.T / mean.shape[1]
+    found, chance = float(times @ power @ times), float(np.sum(power * covariance))
+    return float(np.sqrt(found)) if found > _SURE**2 * chance else 0.0
+
+
+def _place_nodes(grid: tuple[int, int]) -> Iterator[list[Floats]]:
+    """How near each cell is to nodes down the field, and to nodes across it: 1 at a node, and 0
+    from the next one on; a list of (N,) each."""
+    for at, length in zip(np.indices(grid), grid, strict=True):
+        place = (at.ravel() + 0.5) / length * (_NODES - 1)
+        yield [np.maximum(1.0 - np.abs(place - node), 0.0) for node in range(_NODES)]

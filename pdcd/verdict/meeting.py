@@ -61,11 +61,22 @@ def judge_meeting(
     coded : (N,), its shares by photos of codes, NaN where they cannot be computed. single : photos
     of one code each through an open mask, none or at least two.
     """
-    by_parts = measure_crossed_light(seen, single)
+    by_parts = measure_crossed_light(seen, single, _find_direct_share(seen, single))
     found = _compare_direct_light(seen, coded, single)
     if by_parts is None or (found and found[0].grade is Grade.BAD):
         return found
     return judge(Cause.CODES_APART, by_parts.share, lost=by_parts.lost, elsewhere="") or found
+
+
+def _find_direct_share(seen: Evidence, single: Sequence[LightSample]) -> float:
+    """Direct light over all light, as it is measured without the mask's codes; 0 where it was not.
+    Arguments of `judge_meeting`."""
+    none = np.zeros(seen.cells.grid[0] * seen.cells.grid[1])
+    light = compare_with_single_codes(none, single, measure_own_part(seen.cells))
+    if light is not None:
+        return light.there
+    look = seen.record.panels
+    return 0.0 if look is None else look.direct
 
 
 def _compare_direct_light(

@@ -13,11 +13,14 @@ CELLS = GRID[0] * GRID[1]
 
 
 def told(
-    late: float = 0.0, early: float = 0.0, known: float = 0.0, noise: float = 0.01
+    late: float | Floats = 0.0,
+    early: float | Floats = 0.0,
+    known: float = 0.0,
+    noise: float = 0.01,
 ) -> CrossedLight | None:
     """By photos of parts of random codes in front of a scene with ten times more direct light than
-    indirect. late, early : share of a code's time for which it meets the one before or after it.
-    known : the same of late codes, of which everybody knows."""
+    indirect. late, early : share of a code's time for which it meets the one before or after it,
+    of all cells or of each. known : the same of late codes, of which everybody knows."""
     random = np.random.default_rng(7)
     transport = random.gamma(0.3, size=(CELLS, CELLS)) / CELLS
     np.fill_diagonal(transport, 10.0 * 0.3 * random.uniform(0.2, 1.8, CELLS))
@@ -46,6 +49,16 @@ def test_what_gets_past_codes_is_told(late: float, early: float, known: float) -
     assert found is not None
     assert found.lost == pytest.approx(late + early, rel=0.25)
     assert found.share > 5.0 * found.lost / (1.0 + 10.0 * found.lost)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_lines_that_are_set_one_after_another_are_told(axis: int) -> None:
+    """Late at one end of the field and early at the other, as much on the whole."""
+    at = (np.indices(GRID)[axis].ravel() + 0.5) / GRID[axis] - 0.5
+    late, early = 0.3 * np.maximum(at, 0.0), 0.3 * np.maximum(-at, 0.0)
+    found = told(late, early)
+    assert found is not None
+    assert found.lost == pytest.approx(np.sqrt(np.mean((late + early) ** 2)), rel=0.25)
 
 
 @pytest.mark.parametrize("known", [0.0, 0.1])
