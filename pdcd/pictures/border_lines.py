@@ -10,7 +10,7 @@ for whole cells, and in the photo itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import scipy
@@ -52,23 +52,38 @@ def measure_border_blur(
 
     Caller: `pdcd.pictures.darkroom`, for the error bars and the verdict.
     """
-    if cells.map is None or cells.quad_cells * FEWEST_LINE_QUADS**2 > 1.0:
+    if cells.map is None:
         return 0.0
+    found = [
+        _measure_lines(pictures[name], pictures[white], cells)
+        for name, white in find_line_pictures(record, recipe, cells)
+        if name in pictures and white in pictures
+    ]
+    return max(found, default=0.0) * mean_cell_px(record)
+
+
+def find_line_pictures(
+    record: RunRecord, recipe: Recipe, cells: CellMap
+) -> Iterator[tuple[str, str]]:
+    """Names of the pictures of indirect light in which lines along borders of cells would show, and
+    of the white picture beside each: none where cells have too few quads.
+
+    Callers: `measure_border_blur`, and the verdict, which trusts a photo less where none can show.
+    """
+    if cells.quad_cells * FEWEST_LINE_QUADS**2 > 1.0:
+        return
+    windows = {shot.name: shot.window for shot in record.shots}
     alone = {
-        photo.name: pictures[name]
+        photo.name: name
         for photo in recipe.photos
         for name, rule in recipe.pictures.items()
         if rule == ((1.0, photo.name),)
     }
-    windows = {shot.name: shot.window for shot in record.shots}
     white = [alone[name] for name in list_white_photos(recipe) if name in alone]
-    found = [
-        _measure_lines(alone[photo.name], white[-1], cells)
-        for photo in recipe.photos
-        if photo.wanted.uniform == (0.0, 1.0) and white and photo.name in alone
-        if windows.get(photo.shots[0][1]) == "whole"
-    ]
-    return max(found, default=0.0) * mean_cell_px(record)
+    for photo in recipe.photos:
+        if photo.wanted.uniform == (0.0, 1.0) and white and photo.name in alone:
+            if windows.get(photo.shots[0][1]) == "whole":
+                yield alone[photo.name], white[-1]
 
 
 def _measure_lines(indirect: Picture, white: Picture, cells: CellMap) -> float:

@@ -21,6 +21,13 @@ from numpy.typing import NDArray
 from pdcd.arrays import Bools, Floats
 from pdcd.panels.blocks import BlockPattern
 from pdcd.panels.map import Map
+from pdcd.pictures.agreeing import (
+    FEWEST,
+    WINDOW_OVERLAP,
+    find_coherent_windows,
+    fit_bend,
+    fit_most_windows,
+)
 from pdcd.pictures.raster import HERE, AffineMap, FieldRaster, Flattener
 
 _REACHES_PX = (50.0, 16.0, 6.0, 4.0)
@@ -35,8 +42,10 @@ _SEEN = 0.75
 """Share of a window's points that must be known."""
 _ALIKE = 0.35
 """Correlation from which a window has found its place."""
-FEWEST = 12
-"""Windows that must agree on where a pattern is."""
+_BEND_PX = 16.0
+"""How far beside the map windows look for a bent pattern, in projector pixels."""
+_NEARLY_ALL = 0.95
+"""Share of all windows from which those that agree suffice."""
 _AGREE = 0.4
 """Share of the windows that find anything which must agree."""
 _SCALES = tuple(1.07**step for step in range(-8, 5))
@@ -49,9 +58,6 @@ _SURE = 9.0
 _PATCH = 3
 """Side, in blocks, of the patches from which the error of a place is estimated: what a scene does
 to the pattern in one of them is nearly independent of the next."""
-
-_OVERLAP = 2.0
-"""Windows that carry as much information as one by itself, as they overlap."""
 
 _FINER = 3
 """Samples of the panel's pixels in a step of the pattern, along either axis."""
@@ -70,9 +76,10 @@ FLIPS: dict[str, tuple[float, float]] = {
 class FoundPattern:
     """A pattern that was found.
 
-    map : where it is. centres : (n, 2), of the windows that agree. left : (n, 2), residual of the
-    map at each of them. contrast : (n,), of the pattern in each of them: 1 where all the light of
-    the photo varies with it. number : (n,), which windows of the raster they are.
+    map : where most of it is. centres : (n, 2), of the windows that agree with the map, or with
+    those beside them. left : (n, 2), residual of the map at each of them. contrast : (n,), of the
+    pattern in each of them: 1 where all the light of the photo varies with it. number : (n,), which
+    windows of the raster they are.
     """
 
     map: AffineMap
@@ -85,6 +92,10 @@ class FoundPattern:
     def places(self) -> Floats:
         """Where on the pattern the centres of the windows are, (n, 2)."""
         return np.asarray(self.map(self.centres) + self.left)
+
+    def follow(self, points: Floats) -> Floats:
+        """Where on the pattern points of the raster (..., 2) are, bends of the picture included."""
+        return np.asarray(self.map(points) + fit_bend(self.centres, self.left)(points))
 
 
 class PatternFinder:
@@ -153,15 +164,33 @@ class PatternFinder:
                 return None
             number, centre, off, alike = (np.array(part) for part in zip(*windows, strict=True))
             good = alike > _ALIKE
-            better, agree = _agreed(centre[good], now(centre[good]) + off[good], reach)
+            better, agree = fit_most_windows(centre[good], now(centre[good]) + off[good], reach)
             if better is None or agree.sum() < max(FEWEST, _AGREE * good.sum()):
                 return None
             kept = np.flatnonzero(good)[agree]
             left = now(centre[kept]) + off[kept] - better(centre[kept])
-            contrast = self._contrast(seen, known, better, number[kept])
+            contrast = self._contrast(seen, known, better, number[kept], left)
             found = FoundPattern(better, centre[kept], left, contrast, number[kept])
             now = better
-        return found
+        return found if found is None else self._with_bends(flat, seen, known, found)
+
+    def _with_bends(
+        self, flat: Floats, seen: Floats, known: Bools, found: FoundPattern
+    ) -> FoundPattern:
+        """The same with windows that lie beside the map together with those beside them, as where a
+        lens bends the pattern. Nothing is looked for where nearly all windows agree."""
+        if len(found.number) > _NEARLY_ALL * len(self._corners[0]):
+            return found
+        now = found.map
+        windows = [one for one in self._windows(flat, known, now, _BEND_PX) if one[3] > _ALIKE]
+        if not windows:
+            return found
+        number, centre, off, _ = (np.array(part) for part in zip(*windows, strict=True))
+        kept = find_coherent_windows(centre, off, self._spacing_px)
+        if kept.sum() <= len(found.number):
+            return found
+        contrast = self._contrast(seen, known, now, number[kept], off[kept])
+        return FoundPattern(now, centre[kept], off[kept], contrast, number[kept])
 
     @cached_property
     def _corners(self) -> tuple[NDArray[np.int64], int]:
@@ -173,6 +202,13 @@ class PatternFinder:
             for length, count in zip((rows, cols), _WINDOWS, strict=True)
         )
         return np.stack(np.meshgrid(down, across, indexing="ij"), axis=-1).reshape(-1, 2), side
+
+    @property
+    def _spacing_px(self) -> float:
+        """From a window to the next, in projector pixels: the longer way."""
+        _, side = self._corners
+        steps = np.array(_WINDOWS) - 1
+        return float(np.max((np.array(self.raster.shape) - side) / steps)) * self.raster.pitch
 
     def _cut(self, number: int) -> tuple[slice, slice]:
         corners, side = self._corners
@@ -199,30 +235,35 @@ class PatternFinder:
             yield number, centre, now.linear @ (off * raster.pitch), alike
 
     def _contrast(
-        self, seen: Floats, known: Bools, now: AffineMap, numbers: NDArray[np.int64]
+        self,
+        seen: Floats,
+        known: Bools,
+        now: AffineMap,
+        numbers: NDArray[np.int64],
+        left: Floats,
     ) -> Floats:
         """Contrast of the pattern in windows of a picture that was not flattened, (n,)."""
         points, found = self.raster.points(), []
-        for number in numbers.tolist():
+        for number, beside in zip(numbers.tolist(), left, strict=True):
             cut = self._cut(number)
             good = known[cut]
-            pattern = self.shown(now(points[cut]))[good]
+            pattern = self.shown(now(points[cut]) + beside)[good]
             light = seen[cut][good]
             base = np.stack([np.ones(light.size), pattern], axis=1)
             level, depth = np.linalg.lstsq(base, light, rcond=None)[0]
             found.append(depth / level if level > 0.0 else 0.0)
         return np.array(found)
 
-    def variance(self, seen: Floats, known: Bools, map_: AffineMap, places: Floats) -> Floats:
+    def variance(self, seen: Floats, known: Bools, found: FoundPattern, places: Floats) -> Floats:
         """Variance of where the pattern was found, (n,) square pixels, right and down together, at
         `places` of the field (n, 2). It is estimated from how much each patch of the picture would
-        change the map. `map_` is where the pattern was found."""
+        change the map."""
         raster, points = self.raster, self.raster.points()
         inside = known & np.all((points >= 0.0) & (points < raster.size_px), axis=-1)
-        flattener = self.make_flattener(known)
+        flattener, at = self.make_flattener(known), found.follow(points)
 
         def flat(right: float, down: float) -> Floats:
-            pattern = self.shown(map_(points) + np.array([right, down]))
+            pattern = self.shown(at + np.array([right, down]))
             return np.asarray(_flat(pattern, flattener)[inside])
 
         half = 0.5 * raster.pitch
@@ -232,7 +273,7 @@ class PatternFinder:
             depth * (flat(*(half * step)) - flat(*(-half * step))) / (2.0 * half)
             for step in np.eye(2)
         ]
-        base, wanted = (_affine_base(at, raster.size_px) for at in (points[inside], places))
+        base, wanted = (_affine_base(each, raster.size_px) for each in (points[inside], places))
         design = np.concatenate([slope[:, None] * base for slope in slopes], axis=1)
         patch = self.number_patches(points[inside])
         count = int(patch.max(initial=0)) + 1
@@ -273,7 +314,7 @@ class PatternFinder:
                 parts.append(part / level)
         if len(parts) < FEWEST:
             return 0.0, np.inf
-        return float(np.mean(parts)), float(np.std(parts) / np.sqrt(len(parts) / _OVERLAP))
+        return float(np.mean(parts)), float(np.std(parts) / np.sqrt(len(parts) / WINDOW_OVERLAP))
 
     def _coarse(self, pitch: float) -> _Coarse:
         blurred = scipy.ndimage.gaussian_filter(
@@ -412,28 +453,3 @@ def _top(line: Floats, at: int) -> float:
     before, here, after = line[at - 1 : at + 2]
     bend = before - 2.0 * here + after
     return float(0.5 * (before - after) / bend) if bend < 0.0 else 0.0
-
-
-def _agreed(centres: Floats, places: Floats, reach_px: float) -> tuple[AffineMap | None, Bools]:
-    """The affine map that most windows agree on, and which windows these are."""
-    count = len(centres)
-    if count < FEWEST:
-        return None, np.zeros(count, np.bool_)
-    random = np.random.default_rng(0)
-    tolerance = max(0.15 * reach_px, 1.5)
-    ones = np.concatenate([centres, np.ones((count, 1))], axis=1)
-    best = np.zeros(count, np.bool_)
-    for _ in range(150):
-        some = random.choice(count, 3, replace=False)
-        if abs(np.linalg.det(ones[some])) < 1.0:
-            continue
-        made = np.linalg.solve(ones[some], places[some])
-        agree = np.hypot(*(ones @ made - places).T) < tolerance
-        if agree.sum() > best.sum():
-            best = agree
-    for _ in range(4):
-        if best.sum() < FEWEST:
-            return None, best
-        made = np.linalg.lstsq(ones[best], places[best], rcond=None)[0]
-        best = np.hypot(*(ones @ made - places).T) < tolerance
-    return AffineMap(made[:2].T.copy(), made[2].copy()), best

@@ -22,6 +22,7 @@ from pdcd.panels.windows import WindowKind, find_window_kind
 from pdcd.pictures.misplaced import (
     compute_shifts_px,
     field_shifts_px,
+    interpolate_bend_px,
     known_shift_px,
     make_affine_map,
     mean_cell_px,
@@ -71,7 +72,7 @@ def estimate_lost_direct(
     size_px = record.projector.field_size_px
     if measure_misplacement(look.mask, size_px).flip != "none":
         return LostDirectLight(1.0, 1.0)
-    offset = field_shifts_px(look.mask, size_px, known_shift_px(record.mask))
+    offset = field_shifts_px(look.mask, size_px, known_shift_px(record.mask), look.bent_px)
     spread = _spread_px(record, look)
     if not blurred:
         spread = float(np.hypot(record.mask.blur_px, look.rest_px))
@@ -80,6 +81,13 @@ def estimate_lost_direct(
         return found
     lines = _compute_lost(record, window, np.zeros((1, 2)), blur_with_lines_px(record, look))
     return max(found, lines, key=lambda one: one.rms)
+
+
+def estimate_unseen_loss(record: RunRecord, window: str, blur_px: float) -> LostDirectLight:
+    """What would be lost through such windows by a blur of so many projector pixels, and by the
+    longest shift that photos of blocks do not show (`measure_unseen_shift_px`)."""
+    off_px = np.full((1, 2), measure_unseen_shift_px(record) / np.sqrt(2.0))
+    return _compute_lost(record, window, off_px, float(np.hypot(record.mask.blur_px, blur_px)))
 
 
 def _compute_lost(
@@ -124,6 +132,7 @@ def estimate_lost_by_quad(
     places = cells.centres * record.projector.field_size_px
     # The mask's picture lies further right and down by so much; light on it, further left and up.
     offset = -compute_shifts_px(mask, places, known_shift_px(record.mask))
+    offset -= interpolate_bend_px(look, cells.centres)
     square = _compute_lost_squares(
         record, window, cells, places + offset, offset, _spread_px(record, look)
     )
@@ -199,6 +208,12 @@ def blur_with_lines_px(record: RunRecord, look: PanelLook) -> float:
 def finding_error_px(record: RunRecord) -> float:
     """Error of the place of blocks, in projector pixels."""
     return _SURE_PX * max(_quad_px(record), 1.0)
+
+
+def measure_unseen_shift_px(record: RunRecord) -> float:
+    """How far the mask may lie from where it was found, or believed where no look was possible."""
+    noise_px = 0.0 if record.panels is None else _SIGMAS * record.panels.sigma_px
+    return max(finding_error_px(record), noise_px)
 
 
 def _sure(off: Floats, record: RunRecord, look: PanelLook) -> Floats:

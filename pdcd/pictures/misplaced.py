@@ -13,15 +13,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from pdcd.arrays import Bools, Floats
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import BlockPattern
 from pdcd.panels.map import Map
+from pdcd.pictures.agreeing import FEWEST, fit_bend
 from pdcd.pictures.block_blur import measure_block_edges, measure_blur_before_mask
-from pdcd.pictures.found_blocks import FEWEST, FLIPS, WINDOW_BLOCKS, FoundPattern, PatternFinder
+from pdcd.pictures.found_blocks import FLIPS, WINDOW_BLOCKS, FoundPattern, PatternFinder
 from pdcd.pictures.raster import HERE, AffineMap, FieldRaster
-from pdcd.runs.record import PanelLook, RunRecord, Six
+from pdcd.runs.record import BENT_PLACES, BentPixels, PanelLook, RunRecord, Six
 
 _LIT = 0.03
 """Share of the bright quads' light, in the photo of all light, below which a quad is not used."""
@@ -33,8 +35,6 @@ _LEAST_IN_PLACE = 0.01
 """Least contrast of the pattern there, as a share of all light."""
 _AWAY = 8.0
 """Distance, in blocks, from which a pattern is uncorrelated with itself, large blocks included."""
-_POINTS = 9
-"""Places along either axis of the field at which the panels are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +89,12 @@ def find_panel_places(
     here, drawn = projector.places[one], mask.places[other]
     base = np.concatenate([drawn, np.ones((one.size, 1))], axis=1)
     fit, rest = _fitted(base, here)
-    places = _places(size_px)
-    variance = of_mask.variance(*through, mask.map, mask.map.inverse()(places))
-    variance += finder.variance(*seen, projector.map, projector.map.inverse()(places))
+    places, bend = _places(size_px), fit_bend(drawn, here - base @ fit)
+    bent_px = np.asarray(bend(places))
+    if bent_px.any():
+        rest = _fitted(base, here - bend(drawn))[1]
+    variance = of_mask.variance(*through, mask, mask.map.inverse()(places))
+    variance += finder.variance(*seen, projector, projector.map.inverse()(places))
     # The error of a window's place: that of all together, scaled up as it has fewer blocks.
     of_window = variance[len(places) // 2] * max(1.0, blocks.rows * blocks.cols / WINDOW_BLOCKS**2)
     noise = max(_NOISE_PX**2, float(of_window))
@@ -105,6 +108,7 @@ def find_panel_places(
     return PanelLook(
         mask=_six(AffineMap(fit[:2].T, fit[2])),
         camera=_six(projector.map),
+        bent_px=tuple((x, y) for x, y in bent_px.tolist()) if bent_px.any() else None,
         rest_px=float(np.sqrt(max(rest**2 - noise, 0.0))),
         sigma_px=float(np.sqrt(variance.max())),
         blur_px=blur,
@@ -162,11 +166,15 @@ class Misplacement:
 
 
 def measure_misplacement(
-    six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (0.0, 0.0)
+    six: Six,
+    size_px: tuple[int, int],
+    known_px: tuple[float, float] = (0.0, 0.0),
+    bent_px: BentPixels | None = None,
 ) -> Misplacement:
-    """Describes how a picture lies, from its affine map; `known_shift_px` is subtracted."""
+    """Describes how a picture lies, from its affine map and its bend; `known_shift_px` is
+    subtracted."""
     map_ = make_affine_map(six)
-    off = field_shifts_px(six, size_px, known_px)
+    off = field_shifts_px(six, size_px, known_px, bent_px)
     lengths = np.hypot(off[:, 0], off[:, 1])
     turns = {}
     for flip, signs in FLIPS.items():
@@ -187,10 +195,27 @@ def measure_misplacement(
 
 
 def field_shifts_px(
-    six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (0.0, 0.0)
+    six: Six,
+    size_px: tuple[int, int],
+    known_px: tuple[float, float] = (0.0, 0.0),
+    bent_px: BentPixels | None = None,
 ) -> Floats:
     """By how much places all over the field lie further right and down, (n, 2)."""
-    return compute_shifts_px(six, _places(size_px), known_px)
+    shifts = compute_shifts_px(six, _places(size_px), known_px)
+    return shifts if bent_px is None else shifts + np.array(bent_px)
+
+
+def interpolate_bend_px(look: PanelLook, places: Floats) -> Floats:
+    """`PanelLook.bent_px` at places of the field, from 0 to 1, (..., 2)."""
+    if look.bent_px is None:
+        return np.zeros(places.shape)
+    bent = np.reshape(look.bent_px, (BENT_PLACES, BENT_PLACES, 2))
+    at = np.moveaxis(places[..., ::-1] * BENT_PLACES - 0.5, -1, 0)
+    right, down = (
+        scipy.ndimage.map_coordinates(bent[..., axis], at, order=1, mode="nearest")
+        for axis in (0, 1)
+    )
+    return np.stack([right, down], axis=-1)
 
 
 def compute_shifts_px(six: Six, places: Floats, known_px: tuple[float, float]) -> Floats:
@@ -201,7 +226,7 @@ def compute_shifts_px(six: Six, places: Floats, known_px: tuple[float, float]) -
 
 def _places(size_px: tuple[int, int]) -> Floats:
     """Places all over the field, (n, 2)."""
-    along = (np.arange(_POINTS) + 0.5) / _POINTS
+    along = (np.arange(BENT_PLACES) + 0.5) / BENT_PLACES
     return np.stack(np.meshgrid(*(along * length for length in size_px)), axis=-1).reshape(-1, 2)
 
 

@@ -104,6 +104,15 @@ Six = tuple[float, float, float, float, float, float]
 """An affine map of points (x, y): x' = a x + b y + c, y' = d x + e y + f."""
 
 
+BENT_PLACES = 9
+"""Places along either axis of the field at which a bend of the mask's picture is kept."""
+_Pair = tuple[float, float]
+BentPixels = Annotated[
+    tuple[_Pair, ...], Meta(min_length=BENT_PLACES**2, max_length=BENT_PLACES**2)
+]
+"""Projector pixels right and down at the middles of 9 x 9 equal parts of the field, row by row."""
+
+
 class PanelLook(msgspec.Struct, frozen=True, kw_only=True):
     """Where photos of random blocks showed both panels (`pdcd.pictures.misplaced`), in projector
     pixels of the field; None where they do not show it."""
@@ -113,8 +122,12 @@ class PanelLook(msgspec.Struct, frozen=True, kw_only=True):
     mask is subtracted."""
     camera: Six | None
     """From where the camera is believed to look to where it does, in the projector's picture."""
+    bent_px: BentPixels | None = None
+    """By how much further right and down the mask's picture lies than by `mask`; None where it is
+    not bent."""
     rest_px: NonNegative
-    """Standard deviation of the residuals of this map at places of the mask, beyond noise."""
+    """Standard deviation of the residuals of this map at places of the mask, bend and noise taken
+    out."""
     sigma_px: NonNegative = 0.0
     """Standard deviation of the mask's measured place, where it is least certain, estimated from
     patches of the photos."""

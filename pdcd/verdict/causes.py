@@ -154,11 +154,11 @@ class Cause(Enum):
         "blur_px: {lost} of the direct light goes through wrong cells, {figure} of the answer "
         "(limit {limit}); run pdcd calibrate registration, or take quarter windows; or focus the "
         "projector, and the scene on the mask")
-    BLUR_UNSEEN = VerdictRow(0.06, NEVER,
-        "a blur of {blur_px:.2g} px on the way to the mask (projector pixels) does not show in so "
-        "few camera pixels ({quads:.2g} quads along a side of a cell), and would send {figure} of "
-        "the answer through wrong cells (limit {limit}); run pdcd calibrate registration, or take "
-        "quarter windows or larger cells")
+    MASK_UNSURE = VerdictRow(0.06, NEVER,
+        "if the mask is {shift_px:.2g} px away, or light on its way to it blurred by {blur_px:.2g} "
+        "px (projector pixels), nothing in this photo shows it, and {figure} of the answer goes "
+        "through wrong cells (limit {limit}); run pdcd calibrate registration, or take quarter "
+        "windows or larger cells")
     CAMERA_PLACE = VerdictRow(0.5, NEVER,
         "the camera's view {lies} [camera.place] says, and half a cell is {half_px:.3g} px: "
         "pixels are assigned to wrong cells; {mend}")

@@ -2,9 +2,9 @@
 
 Where the mask is later or earlier than believed, all over or in some rows, each of its codes meets
 the one before or after it on the projector as well. For how long a cell is then lit through its own
-mask differs from part to part with the order of its codes, which is known. The scene is the same in all parts, and the chance
-of codes follows another order. So direct light that gets past the codes is measured to a few
-thousandths, however little is known of the scene.
+mask differs from part to part with the order of its codes, which is known. The scene is the same in
+all parts, and the chance of codes follows another order. So direct light that gets past the codes
+is measured to a few thousandths, however little is known of the scene.
 """
 
 from __future__ import annotations

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-import msgspec
 import numpy as np
 
 from pdcd.arrays import Bools, Floats
 from pdcd.bench.tables import PanelConfig
-from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
-from pdcd.pictures.border_lines import FEWEST_LINE_QUADS
+from pdcd.pictures.border_lines import find_line_pictures
 from pdcd.pictures.lost_direct import (
     LostDirectLight,
     blur_with_lines_px,
     estimate_lost_direct,
+    estimate_unseen_loss,
     find_quads_beside_mask,
     finding_error_px,
+    measure_unseen_shift_px,
 )
 from pdcd.pictures.misplaced import (
     Misplacement,
@@ -52,14 +52,14 @@ def judge_blocks(seen: Evidence, look: PanelLook) -> Iterator[VerdictFinding]:
 
     def share(lost: LostDirectLight) -> float:
         if white is None or not answer > 0.0 or record.goal.name == "fraction":
-            return _predict_share(look.direct, lost)
+            return lost.rms if _keeps_direct_light(seen) else _predict_share(look.direct, lost)
         light = look.direct * seen.inside(white.image)
         if lost.mean < _HOPELESS and direct is not None:
             light = seen.inside(direct.image) / (1.0 - lost.mean)
         return lost.rms * float(np.sqrt(np.nanmean(light**2))) / answer
 
     found = list(_judge_look(record, look, seen.window, share))
-    yield from found or _judge_unseen_blur(seen, look, share)
+    yield from found or _judge_unseen_loss(seen, look, share)
     beside = find_quads_beside_mask(record, seen.cells)
     if beside is not None and beside.any():
         part = float(np.count_nonzero(beside & seen.cells.known)) / max(
@@ -69,18 +69,39 @@ def judge_blocks(seen: Evidence, look: PanelLook) -> Iterator[VerdictFinding]:
         yield from judge(Cause.BESIDE_MASK, missing, part=part)
 
 
-def _judge_unseen_blur(
+def _judge_unseen_loss(
     seen: Evidence, look: PanelLook, share: Callable[[LostDirectLight], float]
 ) -> list[VerdictFinding]:
-    """What a blur would do that neither blocks nor lines along borders show, as cells have too few
-    quads; nothing where a calibration measured both maps, and with them the blur."""
-    record, quads = seen.record, seen.cells.quad_cells**-0.5
-    if look.mask is None or quads >= FEWEST_LINE_QUADS or _is_measured(record):
+    """What a shift and a blur would do that neither blocks nor lines along borders of cells show;
+    nothing where a calibration measured both maps, and with them the blur."""
+    record = seen.record
+    if look.mask is None or _is_measured(record) or not _weighs_neighbours(seen):
         return []
-    blur_px = _UNSEEN_BLUR * mean_cell_px(record) / quads
-    hidden = msgspec.structs.replace(look, blur_px=max(blur_px, look.blur_px))
-    lost = estimate_lost_direct(msgspec.structs.replace(record, panels=hidden), seen.window)
-    return judge(Cause.BLUR_UNSEEN, share(lost), blur_px=blur_px, quads=quads)
+    if any(find_line_pictures(record, seen.decoded.recipe, seen.cells)):
+        return []
+    blur_px = _UNSEEN_BLUR * mean_cell_px(record) * seen.cells.quad_cells**0.5
+    lost = estimate_unseen_loss(record, seen.window, blur_px)
+    shift_px = measure_unseen_shift_px(record)
+    return judge(Cause.MASK_UNSURE, share(lost), shift_px=shift_px, blur_px=blur_px)
+
+
+def _keeps_direct_light(seen: Evidence) -> bool:
+    """Whether the answer is made of direct light, all in all."""
+    return any(float(np.mean(photo.wanted.diagonal())) > 0.5 for photo in seen.photos)
+
+
+def _weighs_neighbours(seen: Evidence) -> bool:
+    """Whether photos of the answer weigh light from the next cell otherwise than a cell's own: far
+    light alone does not change where direct light goes through a cell beside its own."""
+    number = np.pad(
+        np.arange(np.prod(seen.cells.grid)).reshape(seen.cells.grid), 1, constant_values=-1
+    )
+    beside = number[1:-1, 2:], number[1:-1, :-2], number[2:, 1:-1], number[:-2, 1:-1]
+    return any(
+        bool(np.any((photo.wanted.entries(at.ravel()) != photo.wanted.diagonal())[at.ravel() >= 0]))
+        for photo in seen.photos
+        for at in beside
+    )
 
 
 def _is_measured(record: RunRecord) -> bool:
@@ -125,12 +146,11 @@ def _judge_look(
 
 def judge_unseen_panels(look: PanelLook, *, measured: bool) -> list[VerdictFinding]:
     """Panels that no photos locate. measured : whether a calibration has; it is trusted where no
-    look was possible. Too few quads are a remark only, as real cameras have enough."""
+    look was possible."""
     if look.mask is not None or (look.why and measured):
         return []
     if look.why:
-        grade = Grade.REMARK if look.why == TOO_FEW else Grade.DOUBTFUL
-        return judge(Cause.NOBODY_LOOKED, grade=grade, why=look.why)
+        return judge(Cause.NOBODY_LOOKED, why=look.why)
     return judge(Cause.PROJECTOR_UNSEEN if look.mask_seen else Cause.MASK_UNSEEN)
 
 
@@ -152,7 +172,7 @@ def judge_mask_place(
     """
     if look.mask is None:
         return []
-    lie = measure_misplacement(look.mask, size_px, known_shift_px(mask))
+    lie = measure_misplacement(look.mask, size_px, known_shift_px(mask), look.bent_px)
     quarter_px, flipped = 0.25 * cell_px, lie.flip != "none"
     grade = Cause.MASK_PLACE.value.grade(share)
     if flipped or (lost.mean >= _HOPELESS and look.direct > _HARDLY):
@@ -163,10 +183,10 @@ def judge_mask_place(
         Cause.MASK_PLACE,
         share,
         grade,
-        lies=_describe_lie(lie),
+        lies=_describe_lie(lie, bent=look.bent_px is not None),
         lost="all" if flipped else lost.mean,
         quarter_px=quarter_px,
-        mend=_describe_mend("mask", mask.place, lie),
+        mend=_describe_mend("mask", mask.place, lie, bent=look.bent_px is not None),
     )
 
 
@@ -216,10 +236,11 @@ def _missing_share(beside_mask: Bools, field: Bools, image: Floats, step: int) -
     return float(np.sqrt(np.nansum(square[tuple(near)][lost]) / whole))
 
 
-def _describe_lie(lie: Misplacement) -> str:
+def _describe_lie(lie: Misplacement, *, bent: bool = False) -> str:
     """How a picture lies, in words that end in "where"."""
     right, down = lie.offset_px
     parts = [_FLIPS[lie.flip]] if lie.flip != "none" else []
+    parts += ["bent"] if bent else []
     if abs(lie.turn_deg) >= _LEAST_DEG:
         way = "clockwise" if lie.turn_deg > 0.0 else "anticlockwise"
         parts.append(f"turned {way} by {abs(lie.turn_deg):.2g} degrees")
@@ -234,9 +255,9 @@ def _describe_lie(lie: Misplacement) -> str:
     )
 
 
-def _describe_mend(device: str, place: Placing, lie: Misplacement) -> str:
+def _describe_mend(device: str, place: Placing, lie: Misplacement, *, bent: bool = False) -> str:
     """One thing to do, and an alternative where places were typed in by hand."""
-    if place.map is not None or place.homography is not None:
+    if bent or place.map is not None or place.homography is not None:
         return "run pdcd calibrate geometry"
     right, down = lie.offset_px
     keys = []

@@ -25,6 +25,7 @@ from pdcd.bench.tables import (
     PanelConfig,
     RigConfig,
     SceneConfig,
+    ScheduleConfig,
 )
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import Patterns, pack_bits
@@ -189,6 +190,7 @@ def verdict_on(folder: Path, truth: str) -> Quality:
         scene=scene,
         camera=CameraConfig(frame_quads=(80, 60), place=Placing(scale=1.6)),
         bench=BenchConfig(truth=str(folder / "truth.toml")),
+        rig=RigConfig(look_at_panels=False),  # light alone tells
         limits=LimitsConfig(min_free_bytes=0),
     )
     return take(config, codes=64, pilot=0, window="quarter", out=str(folder)).quality
@@ -289,6 +291,7 @@ NOT_MET = "codes of the panels do not meet"
         ("skew_s = -0.025", False),
         ("skew_s = 0.05", False),
         ("rise_s = 0.012\nfall_s = 0.012", False),
+        ("scan_s = 0.0159\nskew_s = 0.008", False),
     ],
 )
 def test_a_mask_that_keeps_other_times_than_believed(
@@ -311,6 +314,7 @@ def test_a_mask_that_keeps_other_times_than_believed(
         "[mask]\nskew_s = 0.017",
         "[mask]\nskew_s = -0.017",
         "[mask]\nrise_s = 0.005\nfall_s = 0.006",
+        "[mask]\nscan_s = 0.0159\nskew_s = 0.003",
         pytest.param("[projector]\nrise_s = 0.005\nfall_s = 0.006", marks=pytest.mark.long),
     ],
 )
@@ -355,11 +359,36 @@ def test_known_slow_panels_are_not_accused(
     assert not any(reason.startswith(NOT_MET) for reason in made.quality.reasons), made.quality
 
 
+@pytest.mark.parametrize(
+    ("place", "asked", "quads"),
+    [
+        ("radial = [-0.02, 0.0]", {"goal": "indirect", "window": "quarter"}, (96, 72)),
+        ("offset_px = [1.0, 0.5]", {"goal": "indirect", "white": False}, (96, 72)),
+        ("offset_px = [1.0, 0.5]", {"goal": "short-range", "radius": 2}, (96, 72)),
+        ("offset_px = [2.0, 0.0]", {"goal": "indirect"}, (60, 45)),
+    ],
+)
+def test_a_mask_a_little_elsewhere_than_believed_is_never_good(
+    tmp_path: Path, place: str, asked: dict[str, Any], quads: tuple[int, int]
+) -> None:
+    """Bent by a lens, or off by less than the camera's blocks or lines show."""
+    (tmp_path / "truth.toml").write_text(f"[mask.place]\n{place}\n")
+    config = msgspec.structs.replace(
+        late_bench(tmp_path, "open-book", frame_quads=quads),
+        scene=SceneConfig(kind="open-book", grid=(24, 32)),
+        schedule=ScheduleConfig(grid=(24, 32)),
+    )
+    made = take(config, out=str(tmp_path / "run"), **asked)
+    assert made.error > 0.2
+    assert made.quality.verdict != "good"
+
+
 def late_bench(folder: Path, scene: str, **camera: Any) -> Config:
     """A bench that is as `truth.toml` says, in front of a scene."""
     return Config(
         scene=SceneConfig(kind=scene, grid=SMALL if camera else GRID),
         camera=CameraConfig(**camera),
+        rig=RigConfig(look_at_panels=bool(camera)),  # else its pixels are too few
         bench=BenchConfig(truth=str(folder / "truth.toml")),
         limits=LimitsConfig(min_free_bytes=0),
     )

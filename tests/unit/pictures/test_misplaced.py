@@ -20,6 +20,7 @@ from pdcd.pictures.misplaced import (
     BlockPhotos,
     field_shifts_px,
     find_panel_places,
+    interpolate_bend_px,
     make_affine_map,
     measure_misplacement,
 )
@@ -58,6 +59,25 @@ class Lies:
 
     def drawn(self, lies: Floats) -> Floats:
         return np.asarray((lies - self.shift) @ np.linalg.inv(self.linear).T)
+
+
+class Bent(Lies):
+    """As a lens bends it: the further from the middle, the more it lies outwards, or inwards."""
+
+    def __init__(self, radial: float) -> None:
+        super().__init__()
+        self.radial = radial
+
+    def lies(self, drawn: Floats) -> Floats:
+        away = (drawn - MIDDLE) / MIDDLE[0]
+        bend = self.radial * np.sum(away**2, axis=-1, keepdims=True)
+        return np.asarray(drawn + bend * (drawn - MIDDLE))
+
+    def drawn(self, lies: Floats) -> Floats:
+        found = lies
+        for _ in range(20):
+            found = found + lies - self.lies(found)
+        return found
 
 
 def seen(
@@ -146,6 +166,21 @@ def test_a_mask_is_found_to_a_tenth_of_a_quad(mask: Lies) -> None:
     assert np.hypot(*(where(inner) - mask.lies(inner)).T).max() < 0.5 * WIDTH / QUADS[0]
     assert abs(found.direct - 0.6) < 0.08
     assert found.upright == bool(np.linalg.det(mask.linear) > 0.0)
+
+
+@pytest.mark.parametrize("radial", [-0.04, 0.0, 0.05])
+def test_a_bent_mask_is_found_all_over(radial: float) -> None:
+    """Up to 16 projector pixels in the corners, of which an affine map explains half."""
+    mask = Bent(radial)
+    found = looked(mask)
+    assert found.mask is not None and (found.bent_px is None) == (radial == 0.0)
+    along = (np.arange(9) + 0.5) / 9.0
+    places = np.stack(np.meshgrid(along * WIDTH, along * HEIGHT), axis=-1).reshape(-1, 2)
+    off = field_shifts_px(found.mask, PROJECTOR, bent_px=found.bent_px)
+    wrong = np.hypot(*(off - (mask.lies(places) - places)).T)
+    assert np.sqrt(np.mean(wrong**2)) < 0.25 * WIDTH / QUADS[0]
+    at = interpolate_bend_px(found, places / SIZE)
+    assert np.allclose(at, 0.0 if found.bent_px is None else found.bent_px)
 
 
 def test_a_look_says_how_sure_it_is() -> None:
