@@ -26,8 +26,8 @@ _SURE = 4.0
 """The RMS of light over that of chance from which it counts as getting past the codes: where they
 meet, it was up to 2.9 on 9 x 12 cells, and up to 2.2 on more."""
 _MOST = 4.0
-"""The same over direct light, from which it is other light: so much would pass without any codes,
-which let a quarter of the indirect light through."""
+"""Such light over all direct light, from which it must be something else: so much would pass if no
+codes blocked any, as these let a quarter of the indirect light through."""
 _NODES = 5
 """Nodes, down the field or across it, between which the lateness of panels is interpolated."""
 

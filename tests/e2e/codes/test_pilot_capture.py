@@ -142,6 +142,7 @@ def read_shots(result: CaptureResult) -> tuple[ShotRecord, ...]:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(600)  # more than a minute of a processor
 def test_short_range_light_keeps_its_far_codes(tmp_path: Path) -> None:
     """A pilot guides the codes that are lit half of the time; the others stay as they are. Which
     codes it leaves is luck: one seed alone says 0.94 to 1.24."""
