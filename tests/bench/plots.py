@@ -101,11 +101,11 @@ def limit(axes: Any, value: float, label: str) -> None:
         f"aim {label}",
         (0.01, value),
         xycoords=("axes fraction", "data"),
-        xytext=(0, 2),
+        xytext=(0, -2),  # above the line the frame may cut it
         textcoords="offset points",
         fontsize=9,
         ha="left",
-        va="bottom",
+        va="top",
         color="grey",
         zorder=1,  # below the lines: it hides no point
         bbox={"facecolor": "white", "alpha": 0.8, "pad": 0.5, "lw": 0},
