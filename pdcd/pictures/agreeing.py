@@ -28,17 +28,31 @@ def fit_bend(centres: Floats, left: Floats) -> Callable[[Floats], Floats]:
         x, y = np.moveaxis((points - middle) / reach, -1, 0)
         return np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=-1)
 
-    design, none = base(centres), np.zeros_like
     if len(centres) < _FEWEST_BENT:
-        return none
-    kept = np.ones(len(centres), np.bool_)
-    for _ in range(4):
-        factors = np.linalg.lstsq(design[kept], left[kept], rcond=None)[0]
-        off = np.hypot(*(design @ factors - left).T)
-        kept = off <= max(3.0 * 1.4826 * float(np.median(off)), 0.1)
-    bent, noise = (float(np.mean(one[kept] ** 2)) for one in (np.hypot(*(design @ factors).T), off))
+        return np.zeros_like
+    design = base(centres)
+    factors, kept = fit_without_outliers(design, left)
+    fitted = design[kept] @ factors
+    bent, noise = (float(2.0 * np.mean(one**2)) for one in (fitted, fitted - left[kept]))
     chance = noise * design.shape[1] * WINDOW_OVERLAP / kept.sum()
-    return none if bent < max(_BENT_PX**2, 9.0 * chance) else lambda points: base(points) @ factors
+    if bent < max(_BENT_PX**2, 9.0 * chance):
+        return np.zeros_like
+    return lambda points: base(points) @ factors
+
+
+def fit_without_outliers(base: Floats, places: Floats) -> tuple[Floats, Bools]:
+    """Factors (f, 2) of base functions (n, f) that fit places (n, 2) by least squares, and which
+    places are no outliers, (n,)."""
+    kept = np.ones(len(base), np.bool_)
+    for _ in range(5):
+        fit = np.linalg.lstsq(base[kept], places[kept], rcond=None)[0]
+        off = np.hypot(*(base @ fit - places).T)
+        spread = 1.4826 * float(np.median(off[kept]))
+        kept = off <= max(3.0 * spread, 0.1)
+        if kept.sum() < FEWEST:
+            kept[:] = True
+            break
+    return np.asarray(fit, np.float64), kept
 
 
 def find_coherent_windows(centres: Floats, off: Floats, spacing_px: float) -> Bools:

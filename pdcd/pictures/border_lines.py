@@ -29,7 +29,7 @@ _REACH = 0.01
 """Share of a cell's side that counts as its border."""
 _PASSED = 1.0 / np.sqrt(2.0 * np.pi)
 """Light that crosses a border, over the blur: the integral of a normal tail on either side."""
-FEWEST_LINE_QUADS, _ENOUGH_QUADS = 2.5, 8.0
+_FEWEST_QUADS, _ENOUGH_QUADS = 2.5, 8.0
 """Quads along a side of a cell from which lines can be seen, and to which finer ones are binned."""
 _BESIDE = 1.5
 """Standard deviation, in quads, of the weighted mean that a line is compared with."""
@@ -70,7 +70,7 @@ def find_line_pictures(
 
     Callers: `measure_border_blur`, and the verdict, which trusts a photo less where none can show.
     """
-    if cells.quad_cells * FEWEST_LINE_QUADS**2 > 1.0:
+    if cells.quad_cells * _FEWEST_QUADS**2 > 1.0:
         return
     windows = {shot.name: shot.window for shot in record.shots}
     alone = {
@@ -80,10 +80,10 @@ def find_line_pictures(
         if rule == ((1.0, photo.name),)
     }
     white = [alone[name] for name in list_white_photos(recipe) if name in alone]
-    for photo in recipe.photos:
-        if photo.wanted.uniform == (0.0, 1.0) and white and photo.name in alone:
-            if windows.get(photo.shots[0][1]) == "whole":
-                yield alone[photo.name], white[-1]
+    for photo in recipe.photos if white else ():
+        indirect = photo.wanted.uniform == (0.0, 1.0) and photo.name in alone
+        if indirect and windows.get(photo.shots[0][1]) == "whole":
+            yield alone[photo.name], white[-1]
 
 
 def _measure_lines(indirect: Picture, white: Picture, cells: CellMap) -> float:

@@ -83,10 +83,11 @@ def estimate_lost_direct(
     return max(found, lines, key=lambda one: one.rms)
 
 
-def estimate_unseen_loss(record: RunRecord, window: str, blur_px: float) -> LostDirectLight:
-    """What would be lost through such windows by a blur of so many projector pixels, and by the
-    longest shift that photos of blocks do not show (`measure_unseen_shift_px`)."""
-    off_px = np.full((1, 2), measure_unseen_shift_px(record) / np.sqrt(2.0))
+def estimate_unseen_loss(
+    record: RunRecord, window: str, shift_px: float, blur_px: float
+) -> LostDirectLight:
+    """What would be lost through such windows by a shift across a corner, and by a blur."""
+    off_px = np.full((1, 2), shift_px / np.sqrt(2.0))
     return _compute_lost(record, window, off_px, float(np.hypot(record.mask.blur_px, blur_px)))
 
 
@@ -210,10 +211,9 @@ def finding_error_px(record: RunRecord) -> float:
     return _SURE_PX * max(_quad_px(record), 1.0)
 
 
-def measure_unseen_shift_px(record: RunRecord) -> float:
-    """How far the mask may lie from where it was found, or believed where no look was possible."""
-    noise_px = 0.0 if record.panels is None else _SIGMAS * record.panels.sigma_px
-    return max(finding_error_px(record), noise_px)
+def measure_unseen_shift_px(record: RunRecord, look: PanelLook) -> float:
+    """The longest shift of the mask that a look does not show."""
+    return max(finding_error_px(record), _SIGMAS * look.sigma_px)
 
 
 def _sure(off: Floats, record: RunRecord, look: PanelLook) -> Floats:

@@ -19,7 +19,7 @@ from pdcd.arrays import Bools, Floats
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import BlockPattern
 from pdcd.panels.map import Map
-from pdcd.pictures.agreeing import FEWEST, fit_bend
+from pdcd.pictures.agreeing import FEWEST, fit_bend, fit_without_outliers
 from pdcd.pictures.block_blur import measure_block_edges, measure_blur_before_mask
 from pdcd.pictures.found_blocks import FLIPS, WINDOW_BLOCKS, FoundPattern, PatternFinder
 from pdcd.pictures.raster import HERE, AffineMap, FieldRaster
@@ -88,11 +88,10 @@ def find_panel_places(
         return nothing
     here, drawn = projector.places[one], mask.places[other]
     base = np.concatenate([drawn, np.ones((one.size, 1))], axis=1)
-    fit, rest = _fitted(base, here)
+    fit, _ = fit_without_outliers(base, here)
     places, bend = _places(size_px), fit_bend(drawn, here - base @ fit)
-    bent_px = np.asarray(bend(places))
-    if bent_px.any():
-        rest = _fitted(base, here - bend(drawn))[1]
+    bent_px = bend(places)
+    rest = _measure_rest(base, here - bend(drawn))
     variance = of_mask.variance(*through, mask, mask.map.inverse()(places))
     variance += finder.variance(*seen, projector, projector.map.inverse()(places))
     # The error of a window's place: that of all together, scaled up as it has fewer blocks.
@@ -154,7 +153,7 @@ class Misplacement:
 
     flip : "none", "horizontal", "vertical" or "both", which is half a turn. turn_deg : clockwise.
     offset_px : of the field's middle (right, down). median_px, most_px : displacement that half of
-    the field does not exceed, and that 95 % of it do not exceed.
+    the field does not exceed, and that 95 % of it do not exceed. bent : whether a lens bends it.
     """
 
     flip: str
@@ -163,6 +162,7 @@ class Misplacement:
     offset_px: tuple[float, float]
     median_px: float
     most_px: float
+    bent: bool
 
 
 def measure_misplacement(
@@ -191,6 +191,7 @@ def measure_misplacement(
         offset_px=(right, down),
         median_px=float(np.median(lengths)),
         most_px=float(np.percentile(lengths, 95.0)),
+        bent=bent_px is not None,
     )
 
 
@@ -249,16 +250,7 @@ def _six(map_: AffineMap) -> Six:
     return a, b, c, d, e, f
 
 
-def _fitted(base: Floats, places: Floats) -> tuple[Floats, float]:
-    """An affine map (3, 2) by least squares, without outliers, and the standard deviation of the
-    residuals."""
-    kept = np.ones(len(base), np.bool_)
-    for _ in range(5):
-        fit = np.linalg.lstsq(base[kept], places[kept], rcond=None)[0]
-        off = np.hypot(*(base @ fit - places).T)
-        spread = 1.4826 * float(np.median(off[kept]))
-        kept = off <= max(3.0 * spread, 0.1)
-        if kept.sum() < FEWEST:
-            kept[:] = True
-            break
-    return np.asarray(fit, np.float64), float(np.sqrt(np.mean(off[kept] ** 2)))
+def _measure_rest(base: Floats, places: Floats) -> float:
+    """Standard deviation of the residuals of an affine map of places, (n, 2), without outliers."""
+    fit, kept = fit_without_outliers(base, places)
+    return float(np.sqrt(np.mean(np.sum((base @ fit - places)[kept] ** 2, axis=1))))

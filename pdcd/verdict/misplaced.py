@@ -25,6 +25,7 @@ from pdcd.pictures.misplaced import (
     mean_cell_px,
     measure_misplacement,
 )
+from pdcd.probing.wanted import shift_cells
 from pdcd.runs.record import PanelLook, RunRecord
 from pdcd.verdict.causes import Cause, Grade, VerdictFinding, judge
 from pdcd.verdict.evidence import Evidence, compute_rms
@@ -80,8 +81,8 @@ def _judge_unseen_loss(
     if any(find_line_pictures(record, seen.decoded.recipe, seen.cells)):
         return []
     blur_px = _UNSEEN_BLUR * mean_cell_px(record) * seen.cells.quad_cells**0.5
-    lost = estimate_unseen_loss(record, seen.window, blur_px)
-    shift_px = measure_unseen_shift_px(record)
+    shift_px = measure_unseen_shift_px(record, look)
+    lost = estimate_unseen_loss(record, seen.window, shift_px, blur_px)
     return judge(Cause.MASK_UNSURE, share(lost), shift_px=shift_px, blur_px=blur_px)
 
 
@@ -93,13 +94,11 @@ def _keeps_direct_light(seen: Evidence) -> bool:
 def _weighs_neighbours(seen: Evidence) -> bool:
     """Whether photos of the answer weigh light from the next cell otherwise than a cell's own: far
     light alone does not change where direct light goes through a cell beside its own."""
-    number = np.pad(
-        np.arange(np.prod(seen.cells.grid)).reshape(seen.cells.grid), 1, constant_values=-1
-    )
-    beside = number[1:-1, 2:], number[1:-1, :-2], number[2:, 1:-1], number[:-2, 1:-1]
+    beside = [shift_cells(seen.cells.grid, step) for step in ((0, 1), (0, -1), (1, 0), (-1, 0))]
     return any(
-        bool(np.any((photo.wanted.entries(at.ravel()) != photo.wanted.diagonal())[at.ravel() >= 0]))
+        bool(np.any((photo.wanted.entries(at) != own)[at >= 0]))
         for photo in seen.photos
+        for own in (photo.wanted.diagonal(),)
         for at in beside
     )
 
@@ -183,10 +182,10 @@ def judge_mask_place(
         Cause.MASK_PLACE,
         share,
         grade,
-        lies=_describe_lie(lie, bent=look.bent_px is not None),
+        lies=_describe_lie(lie),
         lost="all" if flipped else lost.mean,
         quarter_px=quarter_px,
-        mend=_describe_mend("mask", mask.place, lie, bent=look.bent_px is not None),
+        mend=_describe_mend("mask", mask.place, lie),
     )
 
 
@@ -236,11 +235,11 @@ def _missing_share(beside_mask: Bools, field: Bools, image: Floats, step: int) -
     return float(np.sqrt(np.nansum(square[tuple(near)][lost]) / whole))
 
 
-def _describe_lie(lie: Misplacement, *, bent: bool = False) -> str:
+def _describe_lie(lie: Misplacement) -> str:
     """How a picture lies, in words that end in "where"."""
     right, down = lie.offset_px
     parts = [_FLIPS[lie.flip]] if lie.flip != "none" else []
-    parts += ["bent"] if bent else []
+    parts += ["bent"] if lie.bent else []
     if abs(lie.turn_deg) >= _LEAST_DEG:
         way = "clockwise" if lie.turn_deg > 0.0 else "anticlockwise"
         parts.append(f"turned {way} by {abs(lie.turn_deg):.2g} degrees")
@@ -255,9 +254,9 @@ def _describe_lie(lie: Misplacement, *, bent: bool = False) -> str:
     )
 
 
-def _describe_mend(device: str, place: Placing, lie: Misplacement, *, bent: bool = False) -> str:
+def _describe_mend(device: str, place: Placing, lie: Misplacement) -> str:
     """One thing to do, and an alternative where places were typed in by hand."""
-    if bent or place.map is not None or place.homography is not None:
+    if lie.bent or place.map is not None or place.homography is not None:
         return "run pdcd calibrate geometry"
     right, down = lie.offset_px
     keys = []
