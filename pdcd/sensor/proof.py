@@ -167,7 +167,11 @@ def _blocks(rows: NDArray[np.generic]) -> NDArray[np.float64]:
 @contextmanager
 def _fresh_memory(filling: int) -> Iterator[None]:
     """Have new memory filled with a byte. Threads that want the same byte share it; those that want
-    another wait. Where the C library cannot, nothing is done."""
+    another wait. Where the C library cannot, nothing is done.
+
+    Memory stays filled afterwards. Were that to end while another thread takes memory of zeros, the
+    C library would leave the byte in part of it.
+    """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)
     with _turn:
         _turn.wait_for(lambda: not _users or filling in _users)
@@ -180,5 +184,4 @@ def _fresh_memory(filling: int) -> Iterator[None]:
             _users[filling] -= 1
             if not _users[filling]:
                 del _users[filling]
-                mallopt(_M_PERTURB, 0)
                 _turn.notify_all()

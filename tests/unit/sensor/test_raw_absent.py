@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -106,6 +107,32 @@ def test_photos_are_decoded_beside_each_other_and_fresh_memory_is_filled_with_on
         assert seen == [{1}]
     other.join()
     assert seen == [{1}, {2}] and not proof._users
+
+
+def test_memory_of_zeros_is_zero_beside_photos_that_are_decoded() -> None:
+    """Its filling never ends: the C library would otherwise leave the byte in zeros that another
+    thread takes just then, once in some thousand times."""
+    over, kinds = threading.Event(), np.random.default_rng(1)
+
+    def decode() -> None:
+        while not over.is_set():
+            with proof._fresh_memory(0x5A):
+                pass
+
+    threads = [threading.Thread(target=decode) for _ in range(2)]
+    often_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        for thread in threads:
+            thread.start()
+        for _ in range(150):
+            taken = [np.zeros(size, np.uint8) for size in kinds.integers(50_000, 2_000_000, 20)]
+            assert not any(one.any() for one in taken)
+    finally:
+        over.set()
+        sys.setswitchinterval(often_s)
+        for thread in threads:
+            thread.join()
 
 
 def test_samples_that_look_like_fresh_memory_are_samples(tmp_path: Path) -> None:
