@@ -37,7 +37,7 @@ from tests.places import ROOT
 
 RELEASES = {"oldest": OLDEST, "newest": NEWEST}
 PAGES = ("README.md", "docs/tour.md", PAGE, "docs/install.md")
-_TAIL_LINES = 30
+_TAIL_LINES = 80
 _lock = threading.Lock()
 
 

@@ -19,6 +19,7 @@ _INTERRUPTED = 130
 
 # Runs a line until it has said its words, or an address, which then has to answer; then Ctrl-C.
 _UNTIL = r"""
+: >~/said
 ({line}) >~/said 2>&1 &
 for _ in $(seq {ready}0); do
     if grep -qE {words} ~/said || ! kill -0 $! 2>/dev/null; then break; fi
@@ -64,7 +65,9 @@ def run_block(block: Block, root: BareRoot, told: Told) -> tuple[Done | None, st
         return None, _find_missing(block.text, root)
     if verb.startswith("printed by "):
         said = told.lines.get(verb.removeprefix("printed by "))
-        return None, "not typed before" if said is None else find_difference(block.text, said)
+        if said is None:
+            return None, "not typed before"
+        return Done(0, said, 0.0), find_difference(block.text, said)
     if figure := re.fullmatch(r"(\S+) % is (.+)", block.mark):
         return None, _compare_figure(figure[1], figure[2], block.prose, told.last)
     network = verb != "until interrupted"
