@@ -204,6 +204,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     shots."""
     grey_unknown: tuple[str, ...] = ()
     """Panels that showed grey levels whose light is not known."""
+    times_known: bool = False
+    """Whether a calibration measured when the panels switch, or a mock bench has them switch as
+    configured."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

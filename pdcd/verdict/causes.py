@@ -135,6 +135,11 @@ class Cause(Enum):
         "not its own, {figure} of the answer (limit {limit}); the mask probably shows its codes "
         "later, earlier or more slowly than configured{elsewhere}: run pdcd calibrate timing, or "
         "set skew_s, scan_s, rise_s and fall_s in [mask]")
+    TIMES_UNSURE = VerdictRow(0.06, NEVER,
+        "nobody measured when mask and projector switch: if they are so far apart that {lost} of "
+        "the direct light does not meet its own codes, nothing in this photo shows it, and "
+        "{figure} of the answer is wrong (limit {limit}); run pdcd calibrate timing, or take a "
+        "plain capture of indirect first, whose parts show it")
     NOBODY_LOOKED = VerdictRow(YES, NEVER,
         "the places of panels and camera were not checked: {why}; run pdcd calibrate geometry")
     PROJECTOR_UNSEEN = VerdictRow(YES, NEVER,

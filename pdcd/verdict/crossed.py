@@ -44,9 +44,9 @@ class CrossedLight:
 def measure_crossed_light(
     seen: Evidence, single: Sequence[LightSample], direct_share: float
 ) -> CrossedLight | None:
-    """Measured from the parts of a photo without direct light; None where there are too few of
-    these, where nothing shows how much direct light there is, or where codes meet. For the verdict
-    on panels. single : photos of one code each through an open mask, which stand in for a white
+    """Measured from the parts of a photo without direct light; 0 where codes meet, None where there
+    are too few parts, or where nothing shows how much direct light there is. For the verdict on
+    panels. single : photos of one code each through an open mask, which stand in for a white
     photo. direct_share : of all light, measured without the mask; 0 where it was not."""
     white = [p for p in seen.decoded.recipe.photos if p.wanted.uniform == (1.0, 1.0)]
     photo = find_telling_photo(seen.decoded.recipe)
@@ -118,8 +118,7 @@ def compute_crossed_light(
         for nodes in _place_nodes(grid)
     )
     past /= all_direct
-    if not 0.0 < past < _MOST:
-        return None
+    past = past if past < _MOST else 0.0
     # This light is missing in the direct light that was computed above.
     return CrossedLight(past / (1.0 + past), past * all_direct / answer)
 

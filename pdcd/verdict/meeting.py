@@ -61,11 +61,28 @@ def judge_meeting(
     coded : (N,), its shares by photos of codes, NaN where they cannot be computed. single : photos
     of one code each through an open mask, none or at least two.
     """
-    by_parts = measure_crossed_light(seen, single, _find_direct_share(seen, single))
-    found = _compare_direct_light(seen, coded, single)
-    if by_parts is None or (found and found[0].grade is Grade.BAD):
+    there = _find_direct_share(seen, single)
+    light = _compare_direct_light(seen, coded, single)
+    found = [] if light is None else _judge_lost_light(seen, light)
+    by_parts = measure_crossed_light(seen, single, there)
+    if by_parts is None:
+        return found or _judge_unseen_times(seen, there, light)
+    if found and found[0].grade is Grade.BAD:
         return found
     return judge(Cause.CODES_APART, by_parts.share, lost=by_parts.lost, elsewhere="") or found
+
+
+def _judge_unseen_times(
+    seen: Evidence, there: float, light: DirectLight | None
+) -> list[VerdictFinding]:
+    """What panels would do to the answer that switch at other times than configured, as far as
+    nothing shows it; nothing where their times are known. there : direct light over all light, 0
+    where it was not measured. light : what photos of codes show of it, None where they do not."""
+    planned = [seen.planned[name] for name in seen.names if name in seen.planned]
+    if seen.record.times_known or all(shot.white or shot.of_leaks for shot in planned):
+        return []
+    lost = 1.0 if light is None else light.unsure + _LEAST_LOST
+    return judge(Cause.TIMES_UNSURE, _share_of_answer(seen, there or 1.0, lost), lost=lost)
 
 
 def _find_direct_share(seen: Evidence, single: Sequence[LightSample]) -> float:
@@ -81,14 +98,19 @@ def _find_direct_share(seen: Evidence, single: Sequence[LightSample]) -> float:
 
 def _compare_direct_light(
     seen: Evidence, coded: Floats, single: Sequence[LightSample]
-) -> list[VerdictFinding]:
-    """The same, from direct light measured whatever the mask does; arguments of `judge_meeting`."""
+) -> DirectLight | None:
+    """Direct light measured whatever the mask does, and what codes show of it; arguments of
+    `judge_meeting`."""
     look = seen.record.panels
     light = compare_with_single_codes(coded, single, measure_own_part(seen.cells))
     if light is None and look is not None:
         light = compare_with_blocks(coded, look.direct)
-    if light is None:
-        return []
+    return light
+
+
+def _judge_lost_light(seen: Evidence, light: DirectLight) -> list[VerdictFinding]:
+    """The finding on the direct light that codes do not show, if there is one."""
+    look = seen.record.panels
     lost, placed = 1.0 - light.shown / light.there, look is not None and look.mask is not None
     if placed:
         lost = _find_unexplained(seen, lost)

@@ -17,7 +17,7 @@ from pdcd.pictures.decoded_run import DecodedRun
 from pdcd.pictures.picture import Picture
 from pdcd.pictures.transport import TransportSlice
 from pdcd.pictures.truth import compute_true_entries
-from pdcd.planning.grey import find_unknown_grey_panels
+from pdcd.planning.grey import find_unknown_grey_panels, is_mock_as_configured
 from pdcd.planning.plan import Plan
 from pdcd.probing.deviation import Deviation
 from pdcd.protocol.events import Event
@@ -213,6 +213,7 @@ def make_run_record(
         leaks_unseen=_find_unseen_leaks(plan),
         room_changed=0.0 if plan.leaks is None else plan.leaks.changed,
         grey_unknown=find_unknown_grey_panels(plan.patterns.values(), config),
+        times_known="mask.skew_s" in config.calibration.typed or is_mock_as_configured(config),
     )
 
 

@@ -73,6 +73,7 @@ def photograph(
     manifest = read_manifest(Path(taken["folder"]))
     assert manifest.config["calibration"]["use"] == calibrated["folder"]
     assert manifest.config["mask"]["place"]["map"]["residual"]
+    assert manifest.run.times_known
     summary = taken["summary"]
     assert taken["state"] == "done" and summary["quality"]["verdict"] != "bad", summary
     quads = float(np.prod(QUADS)) / float(np.prod(CELLS))

@@ -343,6 +343,27 @@ def test_far_light_by_a_slow_mask_is_told_without_a_white_photo(
     assert sound or made.quality.reasons[0].startswith(NOT_MET)
 
 
+@pytest.mark.parametrize(
+    ("times", "asked"),
+    [
+        ("scan_s = 0.03", {"parts": 1, "pilot": 0, "codes": 128}),
+        ("skew_s = 0.03", {"goal": "transport", "codes": None}),
+        ("skew_s = 0.03", {"goal": "fraction", "p": 0.25, "codes": 160}),
+    ],
+)
+@pytest.mark.parametrize("right", [False, True])
+def test_times_that_nothing_shows_are_never_good_unless_measured(
+    tmp_path: Path, times: str, asked: dict[str, Any], right: bool
+) -> None:
+    """The photo of a right bench is called doubtful, too: it looks no better."""
+    (tmp_path / "truth.toml").write_text("" if right else f"[mask]\n{times}\n")
+    config = late_bench(tmp_path, "open-book", frame_quads=(96, 72))
+    made = take(config, **{"goal": "indirect", "out": str(tmp_path / "run"), **asked})
+    assert (made.error < 0.1) == right
+    assert made.quality.verdict != "good"
+    assert any("nobody measured when" in reason for reason in made.quality.reasons)
+
+
 @pytest.mark.parametrize("asked", [{}, {"goal": "long-range", "radius": 2, "codes": 240}])
 @pytest.mark.parametrize("scene", ["open-book", "still-life"])
 def test_known_slow_panels_are_not_accused(

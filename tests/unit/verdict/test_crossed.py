@@ -63,8 +63,8 @@ def test_lines_that_are_set_one_after_another_are_told(axis: int) -> None:
 
 @pytest.mark.parametrize("known", [0.0, 0.1])
 def test_codes_that_meet_are_not_accused(known: float) -> None:
-    assert told(known=known) is None
-    assert told(known=known, noise=0.0) is None
+    assert told(known=known) == CrossedLight(0.0, 0.0)
+    assert told(known=known, noise=0.0) == CrossedLight(0.0, 0.0)
 
 
 def test_cells_of_which_nothing_is_known_do_not_count() -> None:
