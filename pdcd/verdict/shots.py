@@ -55,15 +55,28 @@ def _saturated_share(seen: Evidence, name: str) -> float:
 
 def _judge_lit_shots(seen: Evidence) -> Iterator[VerdictFinding]:
     """Whether shots that were lit have light, and none outside the field."""
-    thin = seen.thin
+    thin, dark = seen.thin, _find_shots_that_may_be_dark(seen)
     for name in list_evenly([n for n in seen.names if not seen.planned[n].of_leaks]):
         shot = seen.decoded.shots[name]
-        if not shot.realised.total_s > 0.0:  # meant to be dark, as one pattern of a few cells is
+        if name in dark or not shot.realised.total_s > 0.0:  # as one pattern of a few cells is
             continue
         light, variance = thin.light(shot), thin.variance(shot)
         yield from judge_light(name, thin.inside(light), thin.inside(variance))
         grey = light.mean(axis=1)
         yield from judge_light_outside(name, thin.inside(grey), thin.outside(grey))
+
+
+def _find_shots_that_may_be_dark(seen: Evidence) -> set[str]:
+    """Shots of photos without direct light: things may have no other, such as a flat card. A white
+    photo has to be among the shots that are judged, and blocks on both panels have to be seen:
+    otherwise a panel that stays black looks the same."""
+    look = seen.record.panels
+    if look is None or look.mask is None or look.camera is None:
+        return set()
+    if not any(seen.planned[name].all_light for name in seen.names):
+        return set()
+    blocked = [photo for photo in seen.photos if not photo.wanted.diagonal().any()]
+    return {name for photo in blocked for _, name in photo.shots}
 
 
 def judge_light(shot: str, light: Floats, variance: Floats) -> list[VerdictFinding]:

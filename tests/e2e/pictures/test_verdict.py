@@ -93,6 +93,16 @@ def test_a_scene_that_is_lit_in_part_is_no_panel_that_is_mirrored(tmp_path: Path
     assert run.verdict == "good", run.quality.reasons
 
 
+@pytest.mark.parametrize(("goal", "grade"), [("direct", "good"), ("indirect", "bad")])
+def test_a_card_without_indirect_light_has_a_photo_of_direct_light(
+    tmp_path: Path, goal: str, grade: str
+) -> None:
+    """Its coded shots are dark by right: blocks show that both panels work."""
+    (tmp_path / "truth.toml").write_text("")
+    config = late_bench(tmp_path, "card", frame_quads=(100, 75))
+    assert take(config, goal=goal, out=str(tmp_path / "run")).quality.verdict == grade
+
+
 def test_codes_that_leave_no_error_need_no_word(tmp_path: Path) -> None:
     found = verdict(tmp_path, scene={"grid": (6, 8)})
     assert not any("codes are not" in text for text in (*found.reasons, *found.remarks)), found
