@@ -10,6 +10,7 @@ pdcd.service waits. Only one thread is in libgphoto2 at a time.
 
 from __future__ import annotations
 
+import fcntl
 import logging
 import os
 import threading
@@ -306,7 +307,7 @@ def _is_busy(lost: DeviceLost) -> bool:
 
 @contextmanager
 def _standard_input_kept() -> Iterator[None]:
-    """Put file descriptor 0 back afterwards, whatever file that is by now.
+    """Put file descriptor 0 back afterwards, unless another thread has a file there by now.
 
     libgphoto2 2.5.34 closes it when it leaves a PTP/IP camera (seen; it takes an unset field for a
     descriptor), and later closes the next file that the daemon opens under that number.
@@ -319,7 +320,8 @@ def _standard_input_kept() -> Iterator[None]:
     try:
         yield
     finally:
-        os.dup2(kept, 0)
+        if again := fcntl.fcntl(kept, fcntl.F_DUPFD, 0):  # the lowest that is free
+            os.close(again)
         os.close(kept)
 
 

@@ -72,7 +72,7 @@ class Bench(ABC):
     def plan(self, goal: GoalName, **arguments: Unpack[Arguments]) -> PlanSummary:
         """What a capture would do, without doing it; goal and keywords are those of `capture`.
 
-        Raises RequestError.
+        Raises RequestError, and BusyError on a local bench that takes a photo or a stream.
         """
         return self.foresee(*make_request(goal, arguments, lambda: self.grid))
 

@@ -122,8 +122,14 @@ class LocalBench(Bench):
             self._engine.stop()
 
     def foresee(self, request: CaptureRequest, arrays: Arrays = NONE) -> PlanSummary:
-        """What a request would do; no device is opened for it. Raises RequestError."""
-        return self._engine.plan(*self._read(request, arrays))
+        """What a request would do; no device is opened for it. Raises RequestError, or BusyError
+        while there is a photo or a stream, whose plan would be lost."""
+        wanted = self._read(request, arrays)
+        self._begin_use()
+        try:
+            return self._engine.plan(*wanted)
+        finally:
+            self._used.release()
 
     def take(
         self,

@@ -61,6 +61,8 @@ def test_a_bench_takes_one_stream_or_photo_at_a_time(tmp_path: Path) -> None:
                     bench.capture("white", codes=4, progress=False)
                 with pytest.raises(BusyError):
                     bench.stream("indirect", codes=8)
+                with pytest.raises(BusyError):  # or the stream's plan would be lost
+                    bench.plan("indirect", codes=8)
                 assert next(stream).number > 0
             assert bench.capture("white", codes=4, progress=False).goal == "white"
 

@@ -168,6 +168,14 @@ def test_standard_input_is_what_it_was_whatever_the_library_closes(
         bench.session.close("a")
         assert os.fstat(0).st_ino == os.fstat(file).st_ino
         assert len(set(Path("/proc/self/fd").iterdir()) ^ before) == 0
+        taken = os.pipe()  # by another thread in the meantime: it stays there
+        monkeypatch.setattr(Camera, "init", lambda self: os.dup2(taken[0], 0))
+        bench.session.open("a")
+        assert os.fstat(0).st_ino == os.fstat(taken[0]).st_ino
+        bench.session.close("a")
+        os.dup2(file, 0)
+        for end in taken:
+            os.close(end)
         os.close(0)  # closed before: there is nothing to keep
         before = set(Path("/proc/self/fd").iterdir())
         monkeypatch.setattr(Camera, "init", lambda self: None)
