@@ -36,6 +36,7 @@ from pdcd.watch import Watch
 _TEMPLATE = "acceptance.html"
 _STEPS: dict[Cause | None, str] = {
     Cause.CODES_APART: "timing",
+    Cause.TIMES_UNSURE: "timing",
     Cause.MASK_BLUR: "registration",
 }
 """The calibration step to run for each cause of wrong places; for other causes it is `geometry`."""

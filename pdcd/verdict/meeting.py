@@ -54,22 +54,27 @@ class DirectLight:
 
 
 def judge_meeting(
-    seen: Evidence, coded: Floats, single: Sequence[LightSample]
+    seen: Evidence,
+    coded: Floats,
+    single: Sequence[LightSample],
+    placed: list[VerdictFinding],
 ) -> list[VerdictFinding]:
-    """Whether photos of codes show all the direct light that is there.
+    """Whether photos of codes show all the direct light that is there; else what was found of the
+    places of panels; else whether wrong times would show.
 
     coded : (N,), its shares by photos of codes, NaN where they cannot be computed. single : photos
-    of one code each through an open mask, none or at least two.
+    of one code each through an open mask, none or at least two. placed : the findings on places,
+    which wrong times explain.
     """
     there = _find_direct_share(seen, single)
     light = _compare_direct_light(seen, coded, single)
     found = [] if light is None else _judge_lost_light(seen, light)
     by_parts = measure_crossed_light(seen, single, there)
     if by_parts is None:
-        return found or _judge_unseen_times(seen, there, light)
-    if found and found[0].grade is Grade.BAD:
-        return found
-    return judge(Cause.CODES_APART, by_parts.share, lost=by_parts.lost, elsewhere="") or found
+        return found or placed or _judge_unseen_times(seen, there, light)
+    if not (found and found[0].grade is Grade.BAD):
+        found = judge(Cause.CODES_APART, by_parts.share, lost=by_parts.lost, elsewhere="") or found
+    return found or placed
 
 
 def _judge_unseen_times(

@@ -72,9 +72,7 @@ def _judge_light(seen: Evidence) -> Iterator[VerdictFinding]:
     )
     # A panel that lies in another way leaves no direct light at its codes, either.
     if not any(one.cause is Cause.WRONG_WAY for one in found):
-        met = judge_meeting(seen, shares, single)
-        unsure = all(one.cause is Cause.TIMES_UNSURE for one in met)
-        found = found if unsure and found else met
+        found = judge_meeting(seen, shares, single, found)
     yield from found
 
 

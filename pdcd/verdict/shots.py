@@ -58,7 +58,8 @@ def _judge_lit_shots(seen: Evidence) -> Iterator[VerdictFinding]:
     thin, dark = seen.thin, _find_shots_that_may_be_dark(seen)
     for name in list_evenly([n for n in seen.names if not seen.planned[n].of_leaks]):
         shot = seen.decoded.shots[name]
-        if name in dark or not shot.realised.total_s > 0.0:  # as one pattern of a few cells is
+        # Some are meant to be dark, as one pattern of a few cells is.
+        if name in dark or not shot.realised.total_s > 0.0:
             continue
         light, variance = thin.light(shot), thin.variance(shot)
         yield from judge_light(name, thin.inside(light), thin.inside(variance))
